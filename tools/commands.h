@@ -1,0 +1,33 @@
+// The verbs of the `teres` program. Each lives in <verb>_command.cpp, adds its subcommand (with --help and
+// examples in the footer) and, when it is the one given, runs and leaves its exit code. main.cpp lists them.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "core/result.h"
+
+namespace teres::tools {
+
+/// Exit codes of every verb; 1, 2 and 3 are the values of ErrorKind.
+enum ExitCode : int { kDone = 0, kNotUsableExit = 1, kUsageExit = 2, kHostFaultExit = 3 };
+
+/// Prints `teres: <text>` to standard error and returns the exit code of the error's kind.
+int report(const Error& error);
+
+/// The subcommand `name`; `run` is called after parsing, what it returns is the exit code of the program.
+CLI::App* add_verb(CLI::App& app, int& exit_code, const std::string& name, const std::string& summary,
+                   const std::string& examples, std::function<int()> run);
+
+/// The options --config FILE and --set section.key=value (repeatable), shared by every verb that hosts units.
+struct SettingsOptions {
+    std::string config_file;             ///< empty: not given
+    std::vector<std::string> overrides;  ///< "section.key=value"
+};
+void add_settings_options(CLI::App& verb, SettingsOptions& options);
+
+void add_run_command(CLI::App& app, int& exit_code);
+
+}  // namespace teres::tools
