@@ -13,14 +13,19 @@
 
 namespace teres {
 
+/// Larger messages are refused when published and when received.
+inline constexpr std::size_t kMaxMessageBytes = std::size_t{64} << 20;
+
 struct BusCounters {
     std::int64_t published = 0;
     std::int64_t received = 0;
-    std::int64_t refused = 0;  ///< above the size bound, or publish failed
+    std::int64_t refused = 0;  ///< above the size bound, memq:// full, publish failed, or the handler threw
 };
 
+/// All calls from one thread.
 class Bus {
   public:
+    /// `receive_us`: monotonic clock when the message arrived; file://: the stamp in the log.
     using Handler = std::function<void(std::string_view channel, std::span<const std::uint8_t> data, std::int64_t receive_us)>;
 
     /// [setup] Errors (kHostFault): provider unknown or refused (e.g. no multicast route), with the remedy in the text.
@@ -31,10 +36,11 @@ class Bus {
 
     /// [setup] `channel` may be a regular expression as in LCM. Messages above max_bytes are refused and counted.
     Status subscribe(const std::string& channel, std::size_t max_bytes, Handler handler);
-    /// [loop] False if the message was refused.
+    /// [loop] False if the message was refused: too large, a bad channel name, or memq:// full (4096 messages or 256 MiB
+    /// wait undelivered): dispatch, then try again.
     bool publish(std::string_view channel, std::span<const std::uint8_t> data) noexcept;
     /// [loop] Delivers what has arrived, waiting at most timeout_ms for the first; returns the number delivered,
-    /// -1 at the end of a file:// log or when the provider failed.
+    /// at most 1024 (handlers may publish); -1 at the end of a file:// log or when the provider failed.
     int dispatch(int timeout_ms) noexcept;
 
     const BusCounters& counters() const;

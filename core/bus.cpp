@@ -1,0 +1,250 @@
+#include "core/bus.h"
+
+#include <lcm/lcm.h>
+#include <poll.h>
+#include <regex.h>
+
+#include <array>
+#include <cstring>
+#include <map>
+#include <vector>
+
+#include "core/check.h"
+#include "core/log.h"
+#include "core/udpm_guard.h"
+
+namespace teres {
+namespace {
+
+// A dispatch ends after this many messages even if handlers keep publishing: the loop stays bounded.
+constexpr int kMaxMessagesPerDispatch = 1024;
+// liblcm holds back at most this many undelivered messages of a subscription (udpm://); the oldest are
+// dropped.
+constexpr int kSubscriptionQueue = 64;
+// What memq:// may hold back; liblcm itself sets no bound.
+constexpr std::size_t kMemqMessages = 4096;
+constexpr std::size_t kMemqBytes = std::size_t{256} << 20;
+
+std::int64_t clock_us(clockid_t id) {
+    timespec t{};
+    clock_gettime(id, &t);
+    return static_cast<std::int64_t>(t.tv_sec) * 1'000'000 + t.tv_nsec / 1000;
+}
+
+// liblcm's own rule: the expression must match the whole channel name.
+class ChannelPattern {
+  public:
+    explicit ChannelPattern(const std::string& expression) {
+        good_ = regcomp(&regex_, ("^(" + expression + ")$").c_str(), REG_NOSUB | REG_EXTENDED) == 0;
+    }
+    ~ChannelPattern() {
+        if (good_) regfree(&regex_);
+    }
+    ChannelPattern(const ChannelPattern&) = delete;
+    ChannelPattern& operator=(const ChannelPattern&) = delete;
+    bool good() const { return good_; }
+    bool matches(const char* channel) const { return regexec(&regex_, channel, 0, nullptr, 0) == 0; }
+
+  private:
+    regex_t regex_{};
+    bool good_ = false;
+};
+
+}  // namespace
+
+struct Bus::Impl {
+    struct Subscription {
+        explicit Subscription(const std::string& channel) : pattern(channel) {}
+        Impl* bus = nullptr;
+        ChannelPattern pattern;
+        std::size_t max_bytes = 0;
+        Handler handler;
+        bool threw = false;
+    };
+
+    // Sizes of the messages that wait in memq://, in order: a ring that never allocates in the loop.
+    struct MemqQueue {
+        std::vector<std::size_t> sizes = std::vector<std::size_t>(kMemqMessages);
+        std::size_t head = 0, count = 0, bytes = 0;
+        bool has_room(std::size_t size) const { return count < kMemqMessages && size <= kMemqBytes - bytes; }
+        void push(std::size_t size) {
+            sizes[(head + count) % kMemqMessages] = size;
+            ++count;
+            bytes += size;
+        }
+        void pop() {
+            TERES_CHECK(count > 0);
+            bytes -= sizes[head];
+            head = (head + 1) % kMemqMessages;
+            --count;
+        }
+    };
+
+    ~Impl() {
+        if (lcm != nullptr) lcm_destroy(lcm);
+    }
+
+    // One message to one subscription. Called below liblcm's C frames: whatever the handler throws ends here.
+    void deliver(Subscription& subscription, const lcm_recv_buf_t& buffer, const char* channel) noexcept {
+        if (buffer.data_size > subscription.max_bytes) {
+            ++counters.refused;
+            return;
+        }
+        ++counters.received;
+        ++delivered;
+        try {
+            subscription.handler(channel, {static_cast<const std::uint8_t*>(buffer.data), buffer.data_size},
+                                 buffer.recv_utime + epoch_to_monotonic_us);
+        } catch (...) {
+            ++counters.refused;
+            if (!subscription.threw)
+                log(Level::kError, "bus", std::string("handler of ") + channel + " threw; message dropped");
+            subscription.threw = true;
+        }
+    }
+
+    static void on_message(const lcm_recv_buf_t* buffer, const char* channel, void* user) noexcept {
+        auto& subscription = *static_cast<Subscription*>(user);
+        subscription.bus->deliver(subscription, *buffer, channel);
+    }
+    static void on_memq_message(const lcm_recv_buf_t* buffer, const char* channel, void* user) noexcept {
+        auto& bus = *static_cast<Impl*>(user);
+        for (Subscription* subscription : bus.listeners(channel))
+            bus.deliver(*subscription, *buffer, channel);
+    }
+
+    // memq:// hides from us whether it has queued a message (it drops what nobody wants), so that we match
+    // ourselves: liblcm holds one subscription to everything and is handed only what somebody listens to.
+    const std::vector<Subscription*>& listeners(const char* channel) {
+        const auto known = listeners_.find(channel);
+        if (known != listeners_.end()) return known->second;
+        std::vector<Subscription*> found;
+        for (const auto& s : subscriptions)
+            if (s->pattern.matches(channel)) found.push_back(s.get());
+        return listeners_.emplace(channel, std::move(found)).first->second;
+    }
+
+    lcm_t* lcm = nullptr;
+    std::string url;
+    bool memq = false;
+    bool udpm = false;
+    bool failed = false;
+    int fileno = -1;
+    int delivered = 0;
+    std::int64_t epoch_to_monotonic_us = 0;
+    BusCounters counters;
+    MemqQueue queue;
+    std::vector<std::unique_ptr<Subscription>> subscriptions;
+    std::map<std::string, bool, std::less<>>
+        listened;  // channel -> a subscription matches; cleared by subscribe
+};
+
+Bus::Bus(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Bus::Bus(Bus&&) noexcept = default;
+Bus& Bus::operator=(Bus&&) noexcept = default;
+Bus::~Bus() = default;
+
+Result<Bus> Bus::open(const std::string& url) {
+    auto impl = std::make_unique<Impl>();
+    impl->url = url;
+    impl->memq = url.starts_with("memq://");
+    impl->udpm = url.starts_with("udpm://");
+    if (!impl->memq && !impl->udpm && !url.starts_with("file://"))
+        return invalid_input("bus url '" + url + "': provider must be memq://, udpm:// or file://");
+    impl->lcm = lcm_create(url.c_str());
+    if (impl->lcm == nullptr) {
+        std::string remedy = "is the log file there and readable?";
+        if (impl->udpm)
+            remedy =
+                "a multicast route is needed, e.g. `ip link set lo multicast on; ip route add "
+                "239.255.76.67/32 dev lo`";
+        return host_fault("bus url '" + url + "': liblcm refused it; " + remedy);
+    }
+    return Bus(std::move(impl));
+}
+
+Status Bus::subscribe(const std::string& channel, std::size_t max_bytes, Handler handler) {
+    Impl& impl = *impl_;
+    auto subscription = std::make_unique<Impl::Subscription>(channel);
+    if (!subscription->pattern.good())
+        return invalid_input("channel '" + channel + "' is not a valid regular expression");
+    subscription->bus = impl_.get();
+    subscription->max_bytes = max_bytes;
+    subscription->handler = std::move(handler);
+    // liblcm puts ^ and $ around the expression: brackets keep a|b together.
+    const std::string expression = impl.memq ? ".*" : "(" + channel + ")";
+    if (!impl.memq || impl.subscriptions.empty()) {
+        lcm_subscription_t* handle =
+            impl.memq ? lcm_subscribe(impl.lcm, expression.c_str(), &Impl::on_memq_message, &impl)
+                      : lcm_subscribe(impl.lcm, expression.c_str(), &Impl::on_message, subscription.get());
+        if (handle == nullptr)
+            return host_fault("bus url '" + impl.url + "': cannot subscribe to '" + channel + "'");
+        lcm_subscription_set_queue_capacity(handle, kSubscriptionQueue);
+    }
+    impl.subscriptions.push_back(std::move(subscription));
+    impl.listeners_.clear();
+
+    const bool first = impl.fileno < 0;
+    // Starts the receiving side. A negative number means that liblcm could not hear itself: using it would
+    // abort.
+    impl.fileno = lcm_get_fileno(impl.lcm);
+    if (impl.fileno < 0)
+        return host_fault(
+            "bus url '" + impl.url +
+            "': liblcm does not receive its own multicast; check the route of the group (ip route get "
+            "239.255.76.67) and firewall rules for its udp port");
+    if (first && impl.udpm) guard_udpm_socket(impl.url);
+    return {};
+}
+
+bool Bus::publish(std::string_view channel, std::span<const std::uint8_t> data) noexcept {
+    Impl& impl = *impl_;
+    std::array<char, LCM_MAX_CHANNEL_NAME_LENGTH + 1> name{};
+    bool good = !channel.empty() && channel.size() < name.size() && data.size() <= kMaxMessageBytes;
+    if (good) {
+        std::memcpy(name.data(), channel.data(), channel.size());
+        if (impl.memq) {
+            if (impl.listeners(name.data()).empty()) return ++impl.counters.published, true;
+            good = impl.queue.has_room(data.size());
+        }
+        good =
+            good && lcm_publish(impl.lcm, name.data(), data.data(), static_cast<unsigned>(data.size())) == 0;
+        if (impl.memq && good) impl.queue.push(data.size());
+    }
+    ++(good ? impl.counters.published : impl.counters.refused);
+    return good;
+}
+
+int Bus::dispatch(int timeout_ms) noexcept {
+    Impl& impl = *impl_;
+    if (impl.failed) return -1;
+    if (impl.fileno < 0) {  // nothing subscribed
+        if (timeout_ms > 0) poll(nullptr, 0, timeout_ms);
+        return 0;
+    }
+    // liblcm stamps with the wall clock; the rest of the house uses the monotonic one.
+    impl.epoch_to_monotonic_us = clock_us(CLOCK_MONOTONIC) - clock_us(CLOCK_REALTIME);
+    impl.delivered = 0;
+    int wait_ms = timeout_ms;
+    for (int taken = 0; taken < kMaxMessagesPerDispatch; ++taken) {
+        pollfd readable{impl.fileno, POLLIN,
+                        0};  // not lcm_handle_timeout: its select() aborts above FD_SETSIZE
+        if (poll(&readable, 1, wait_ms) <= 0) break;
+        wait_ms = 0;
+        if (impl.memq) impl.queue.pop();
+        if (lcm_handle(impl.lcm) != 0) {
+            impl.failed = true;
+            return impl.delivered > 0 ? impl.delivered : -1;
+        }
+    }
+    return impl.delivered;
+}
+
+const BusCounters& Bus::counters() const {
+    return impl_->counters;
+}
+const std::string& Bus::url() const {
+    return impl_->url;
+}
+
+}  // namespace teres
