@@ -116,12 +116,12 @@ struct Bus::Impl {
     // memq:// hides from us whether it has queued a message (it drops what nobody wants), so that we match
     // ourselves: liblcm holds one subscription to everything and is handed only what somebody listens to.
     const std::vector<Subscription*>& listeners(const char* channel) {
-        const auto known = listeners_.find(channel);
-        if (known != listeners_.end()) return known->second;
+        const auto known = listening.find(channel);
+        if (known != listening.end()) return known->second;
         std::vector<Subscription*> found;
         for (const auto& s : subscriptions)
             if (s->pattern.matches(channel)) found.push_back(s.get());
-        return listeners_.emplace(channel, std::move(found)).first->second;
+        return listening.emplace(channel, std::move(found)).first->second;
     }
 
     lcm_t* lcm = nullptr;
@@ -136,7 +136,6 @@ struct Bus::Impl {
     MemqQueue queue;
     std::vector<std::unique_ptr<Subscription>> subscriptions;
     std::map<std::string, bool, std::less<>>
-        listened;  // channel -> a subscription matches; cleared by subscribe
 };
 
 Bus::Bus(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -182,7 +181,7 @@ Status Bus::subscribe(const std::string& channel, std::size_t max_bytes, Handler
         lcm_subscription_set_queue_capacity(handle, kSubscriptionQueue);
     }
     impl.subscriptions.push_back(std::move(subscription));
-    impl.listeners_.clear();
+    impl.listening.clear();
 
     const bool first = impl.fileno < 0;
     // Starts the receiving side. A negative number means that liblcm could not hear itself: using it would
