@@ -135,7 +135,8 @@ struct Bus::Impl {
     BusCounters counters;
     MemqQueue queue;
     std::vector<std::unique_ptr<Subscription>> subscriptions;
-    std::map<std::string, bool, std::less<>>
+    std::map<std::string, std::vector<Subscription*>, std::less<>>
+        listening;  // by channel; cleared by subscribe
 };
 
 Bus::Bus(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
