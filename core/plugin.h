@@ -44,14 +44,15 @@ typedef enum teres_setting_type {
     TERES_SETTING_NUMBER = 0,
     TERES_SETTING_INTEGER = 1,
     TERES_SETTING_BOOLEAN = 2,
-    TERES_SETTING_TEXT = 3
+    TERES_SETTING_TEXT = 3,
+    TERES_SETTING_PATH = 4 /* handed out absolute (or empty): a relative one is taken from the settings file's folder */
 } teres_setting_type;
 
 /* One setting: the only place where its default, unit (suffix of key), range and help are written. */
 typedef struct teres_setting {
     const char* key;
     const char* help;
-    const char* default_text; /* TEXT only */
+    const char* default_text; /* TEXT, PATH */
     const char* choices;      /* TEXT only: "a|b|c", NULL or "" if free */
     double default_number;    /* NUMBER, INTEGER, BOOLEAN (0 or 1) */
     double min, max;          /* NUMBER, INTEGER: closed range */

@@ -14,6 +14,7 @@
 
 #include <cstring>
 #include <exception>
+#include <filesystem>
 #include <functional>
 #include <memory>
 #include <span>
@@ -24,6 +25,15 @@
 
 #include "core/plugin.h"
 #include "core/result.h"
+
+/// Version of the plugin itself, told in the log; plugins of this tree carry the version of Teres.
+#ifndef TERES_PLUGIN_VERSION
+#ifdef TERES_VERSION
+#define TERES_PLUGIN_VERSION TERES_VERSION
+#else
+#define TERES_PLUGIN_VERSION "unversioned"
+#endif
+#endif
 
 namespace teres {
 
@@ -118,6 +128,10 @@ class SettingLister {
         texts.push_back(std::make_unique<std::string>(value));
         add({key, help, texts.back()->c_str(), choices, 0.0, 0.0, 0.0, TERES_SETTING_TEXT});
     }
+    void operator()(const char* key, std::filesystem::path& value, const char* help) {
+        texts.push_back(std::make_unique<std::string>(value.string()));
+        add({key, help, texts.back()->c_str(), nullptr, 0.0, 0.0, 0.0, TERES_SETTING_PATH});
+    }
     std::vector<teres_setting> list;
 
   private:
@@ -139,6 +153,9 @@ class SettingFiller {
         if (const auto* v = find(key)) value = v->number != 0.0;
     }
     void operator()(const char* key, std::string& value, const char*, const char*) {
+        if (const auto* v = find(key)) value = v->text;
+    }
+    void operator()(const char* key, std::filesystem::path& value, const char*) {
         if (const auto* v = find(key)) value = v->text;
     }
 
@@ -229,4 +246,4 @@ struct UnitAdapter {
     extern "C" __attribute__((visibility("default"))) const teres_plugin_entry_t teres_plugin_entry;          \
     const teres_plugin_entry_t teres_plugin_entry = {                                                         \
         TERES_PLUGIN_MAGIC, sizeof(teres_plugin_entry_t), TERES_API_MAJOR, TERES_API_MINOR, 1u, unit_id,      \
-        TERES_VERSION, teres_the_factories};
+        TERES_PLUGIN_VERSION, teres_the_factories};
