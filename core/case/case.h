@@ -1,5 +1,5 @@
-// A case folder (format teres-case-1) in memory: body, prior ligament, loads, markers, observations. SI units.
-// Plain data; case_reader.h fills and checks it. Node ids are 0-based and follow mesh.vtk.
+// A case folder (format teres-case-1) in memory: body, prior ligament, loads, markers, observations. SI
+// units. Plain data; case_reader.h fills and checks it. Node ids are 0-based and follow mesh.vtk.
 #pragma once
 
 #include <array>
@@ -79,19 +79,19 @@ struct ToolSample {
 };
 
 enum class SpringLaw {
-    kLinear,       ///< tension k1 (l - l0), pushes and pulls
-    kRestShape,    ///< f = -k1 (x - anchor), all directions, zero length
-    kCubic,        ///< tension only, f = k1 d^3 + k2 d^2 + k3 d, d = l - l0 [m]
-    kPolynomial,   ///< tension only, f = k1 e + k2 e^2 + k3 e^3, e = (l - l0)/l0
+    kLinear,      ///< tension k1 (l - l0), pushes and pulls
+    kRestShape,   ///< f = -k1 (x - anchor), all directions, zero length
+    kCubic,       ///< tension only, f = k1 d^3 + k2 d^2 + k3 d, d = l - l0 [m]
+    kPolynomial,  ///< tension only, f = k1 e + k2 e^2 + k3 e^3, e = (l - l0)/l0
 };
 
 struct SpringData {
     std::int32_t node_id = 0;
     Point anchor_m{};
     SpringLaw law = SpringLaw::kLinear;
-    std::array<double, 3> k{};   ///< k1, k2, k3 in the units of the law
+    std::array<double, 3> k{};  ///< k1, k2, k3 in the units of the law
     double rest_length_m = 0.0;
-    std::string group;           ///< springs of one group share a stiffness factor
+    std::string group;  ///< springs of one group share a stiffness factor
 };
 
 struct MarkerRest {
@@ -131,9 +131,9 @@ struct Case {
     std::vector<std::int32_t> clamped;
     std::vector<NodeProbability> ligament_prior;
     std::vector<LoadRegion> load_regions;
-    std::vector<LoadSample> loads;             ///< sorted by time
+    std::vector<LoadSample> loads;  ///< sorted by time
     std::vector<ToolTie> tools;
-    std::vector<ToolSample> tool_samples;      ///< sorted by time
+    std::vector<ToolSample> tool_samples;  ///< sorted by time
     std::vector<SpringData> springs;
     std::vector<MarkerRest> markers;
     std::vector<PositionSample> observations;  ///< sorted by time; ids are marker ids

@@ -12,14 +12,14 @@
 namespace teres {
 
 struct CaseReadOptions {
-    bool observations = true;          ///< read observations.csv
+    bool observations = true;             ///< read observations.csv
     double max_marker_distance_m = 0.02;  ///< a marker further from the surface than this is an error
 };
 
 /// Reads and checks the whole folder. Never opens validation.csv.
-/// Errors (kInvalidInput): missing or malformed file, unknown key, non-finite value where one is needed, inverted or
-/// degenerate tetrahedron, disconnected mesh, node id out of range, weights that do not sum to 1, marker off the
-/// surface, time going backwards, no markers, coordinates that look like millimetres.
+/// Errors (kInvalidInput): missing or malformed file, unknown key, non-finite value where one is needed,
+/// inverted or degenerate tetrahedron, disconnected mesh, node id out of range, weights that do not sum to 1,
+/// marker off the surface, time going backwards, no markers, coordinates that look like millimetres.
 Result<Case> read_case(const std::filesystem::path& folder, const CaseReadOptions& options = {});
 
 /// Legacy ASCII VTK unstructured grid of tetrahedra. `name` stands in the error texts.
@@ -31,6 +31,7 @@ Result<TetMeshData> read_vtk_tets(const std::filesystem::path& file, bool keep_o
 Status parse_case_json(std::string_view text, const std::string& name, Case& out);
 
 /// True positions of the validation points (for `teres score` only).
-Result<std::vector<PositionSample>> read_positions(const std::filesystem::path& file, const std::string& id_column);
+Result<std::vector<PositionSample>> read_positions(const std::filesystem::path& file,
+                                                   const std::string& id_column);
 
 }  // namespace teres

@@ -1,0 +1,14 @@
+// What a body's mesh must be beyond well-formed: one piece, every node used, in metres.
+#pragma once
+
+#include <string>
+
+#include "core/case/case.h"
+#include "core/result.h"
+
+namespace teres {
+
+/// Errors (kInvalidInput) name `name` (the file), the node or piece, and the bound.
+Status check_body_mesh(const TetMeshData& mesh, const std::string& name);
+
+}  // namespace teres
