@@ -1,0 +1,155 @@
+#include "plugins/simulation/body_kernels.h"
+
+#include <Eigen/Core>
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+#include "plugins/simulation/body.h"
+
+namespace teres {
+namespace {
+
+// One double per lane; GCC and Clang lower it to SSE2, AVX or NEON.
+typedef double Pack __attribute__((vector_size(kPackLanes * sizeof(double)), aligned(8), may_alias));
+
+Pack load(const double* p) {
+    Pack v;
+    std::memcpy(&v, p, sizeof v);
+    return v;
+}
+void store(double* p, const Pack& v) { std::memcpy(p, &v, sizeof v); }
+
+template <class F>
+Pack lanewise(const Pack& v, F&& f) {
+    Pack out;
+    for (std::size_t l = 0; l < kPackLanes; ++l) out[l] = f(v[l]);
+    return out;
+}
+
+// Stored column by column: F[a + 3 b].
+struct Gradient {
+    Pack m[9];
+};
+
+// P and psi of StVK: E = (F^T F - I)/2, S = 2 mu E + lambda tr(E) I, P = F S.
+Pack stvk(const Gradient& F, double mu, double lambda, Gradient& P) {
+    Pack E[6];  // xx yy zz xy xz yz
+    const auto dot = [&](int b, int d) {
+        return F.m[3 * b] * F.m[3 * d] + F.m[3 * b + 1] * F.m[3 * d + 1] + F.m[3 * b + 2] * F.m[3 * d + 2];
+    };
+    E[0] = 0.5 * (dot(0, 0) - 1.0);
+    E[1] = 0.5 * (dot(1, 1) - 1.0);
+    E[2] = 0.5 * (dot(2, 2) - 1.0);
+    E[3] = 0.5 * dot(0, 1);
+    E[4] = 0.5 * dot(0, 2);
+    E[5] = 0.5 * dot(1, 2);
+    const Pack trace = E[0] + E[1] + E[2];
+    const Pack pressure = lambda * trace;
+    Pack S[6];
+    for (int i = 0; i < 6; ++i) S[i] = 2.0 * mu * E[i];
+    for (int i = 0; i < 3; ++i) S[i] += pressure;
+    constexpr int kIndex[3][3] = {{0, 3, 4}, {3, 1, 5}, {4, 5, 2}};
+    for (int b = 0; b < 3; ++b)
+        for (int a = 0; a < 3; ++a)
+            P.m[a + 3 * b] = F.m[a] * S[kIndex[0][b]] + F.m[a + 3] * S[kIndex[1][b]] + F.m[a + 6] * S[kIndex[2][b]];
+    const Pack square = E[0] * E[0] + E[1] * E[1] + E[2] * E[2] + 2.0 * (E[3] * E[3] + E[4] * E[4] + E[5] * E[5]);
+    return mu * square + 0.5 * lambda * trace * trace;
+}
+
+Pack cofactors(const Gradient& F, Gradient& cof) {
+    const Pack* m = F.m;
+    cof.m[0] = m[4] * m[8] - m[7] * m[5];
+    cof.m[1] = m[6] * m[5] - m[3] * m[8];
+    cof.m[2] = m[3] * m[7] - m[6] * m[4];
+    cof.m[3] = m[7] * m[2] - m[1] * m[8];
+    cof.m[4] = m[0] * m[8] - m[6] * m[2];
+    cof.m[5] = m[6] * m[1] - m[0] * m[7];
+    cof.m[6] = m[1] * m[5] - m[4] * m[2];
+    cof.m[7] = m[3] * m[2] - m[0] * m[5];
+    cof.m[8] = m[0] * m[4] - m[3] * m[1];
+    return m[0] * cof.m[0] + m[1] * cof.m[1] + m[2] * cof.m[2];
+}
+
+// P = mu (F - F^-T) + lambda ln J F^-T
+Pack neo_hookean(const Gradient& F, double mu, double lambda, Gradient& P) {
+    Gradient cof;
+    const Pack J = cofactors(F, cof);
+    const Pack log_j = lanewise(J, [](double j) { return j > 0.0 ? std::log(j) : std::numeric_limits<double>::quiet_NaN(); });
+    const Pack factor = (lambda * log_j - mu) / J;
+    Pack square = F.m[0] * F.m[0];
+    for (int i = 1; i < 9; ++i) square += F.m[i] * F.m[i];
+    for (int i = 0; i < 9; ++i) P.m[i] = mu * F.m[i] + factor * cof.m[i];
+    return 0.5 * mu * (square - 3.0) - mu * log_j + 0.5 * lambda * log_j * log_j;
+}
+
+// K/2 (ln J)^2 alone: P = K ln J F^-T
+Pack log_volume(const Gradient& F, double bulk, Gradient& P) {
+    Gradient cof;
+    const Pack J = cofactors(F, cof);
+    const Pack log_j = lanewise(J, [](double j) { return j > 0.0 ? std::log(j) : std::numeric_limits<double>::quiet_NaN(); });
+    const Pack factor = bulk * log_j / J;
+    for (int i = 0; i < 9; ++i) P.m[i] = factor * cof.m[i];
+    return 0.5 * bulk * log_j * log_j;
+}
+
+// Laws in principal stretches, lane by lane.
+Pack by_lane(const Material& material, PartWeights part, const Gradient& F, Gradient& P) {
+    Pack psi;
+    for (std::size_t l = 0; l < kPackLanes; ++l) {
+        Eigen::Matrix3d f, p;
+        for (int i = 0; i < 9; ++i) f.data()[i] = F.m[i][l];
+        double energy = 0.0;
+        if (!material.stress(f, part, energy, p)) {
+            energy = std::numeric_limits<double>::quiet_NaN();
+            p.setConstant(energy);
+        }
+        psi[l] = energy;
+        for (int i = 0; i < 9; ++i) P.m[i][l] = p.data()[i];
+    }
+    return psi;
+}
+
+Pack evaluate(const Material& material, PartWeights part, const Gradient& F, Gradient& P) {
+    switch (material.law()) {
+        case BodyLaw::kStVK: return stvk(F, part.shear * material.mu(), part.volume * material.lambda(), P);
+        case BodyLaw::kNeoHookean: return neo_hookean(F, part.shear * material.mu(), part.volume * material.lambda(), P);
+        case BodyLaw::kOgden:
+            if (part.shear == 0.0) return log_volume(F, part.volume * material.lambda(), P);
+            break;
+        case BodyLaw::kCorotational: break;
+    }
+    return by_lane(material, part, F, P);
+}
+
+}  // namespace
+
+void add_gradient_of_points(const StrainPoints& points, const Material& material, const double* x, double* gradient,
+                            double* energy, std::size_t stride) noexcept {
+    for (std::size_t q = 0; q < points.size(); ++q) {
+        const auto first = static_cast<std::size_t>(points.offset[q]), last = static_cast<std::size_t>(points.offset[q + 1]);
+        const double scale = points.volume[q] * points.stiffness_scale[q];
+        for (std::size_t lane = 0; lane < stride; lane += kPackLanes) {
+            Gradient F{};
+            for (auto i = first; i < last; ++i) {
+                const double* xi = x + static_cast<std::size_t>(points.node[i]) * 3 * stride + lane;
+                const double* g = &points.gradient[3 * i];
+                for (std::size_t a = 0; a < 3; ++a) {
+                    const Pack v = load(xi + a * stride);
+                    for (std::size_t b = 0; b < 3; ++b) F.m[a + 3 * b] += v * g[b];
+                }
+            }
+            Gradient P;
+            store(energy + lane, load(energy + lane) + scale * evaluate(material, points.part, F, P));
+            for (auto& p : P.m) p *= scale;
+            for (auto i = first; i < last; ++i) {
+                double* gi = gradient + static_cast<std::size_t>(points.node[i]) * 3 * stride + lane;
+                const double* g = &points.gradient[3 * i];
+                for (std::size_t a = 0; a < 3; ++a)
+                    store(gi + a * stride, load(gi + a * stride) + P.m[a] * g[0] + P.m[a + 3] * g[1] + P.m[a + 6] * g[2]);
+            }
+        }
+    }
+}
+
+}  // namespace teres

@@ -1,0 +1,86 @@
+#include "plugins/simulation/cholesky.h"
+
+#include <cholmod.h>
+
+#include "core/check.h"
+
+namespace teres {
+
+struct Cholesky::Impl {
+    const BlockPattern& pattern;
+    cholmod_common common{};
+    cholmod_factor* factor = nullptr;
+    cholmod_dense* X = nullptr;  // workspaces that CHOLMOD reuses between solves
+    cholmod_dense* Y = nullptr;
+    cholmod_dense* E = nullptr;
+    bool ready = false;
+
+    explicit Impl(const BlockPattern& p) : pattern(p) {}
+
+    cholmod_sparse view(const double* values) const {
+        cholmod_sparse A{};
+        const auto n = static_cast<std::size_t>(pattern.num_rows());
+        A.nrow = n;
+        A.ncol = n;
+        A.nzmax = pattern.num_values();
+        A.p = const_cast<std::int32_t*>(pattern.column_start().data());
+        A.i = const_cast<std::int32_t*>(pattern.row().data());
+        A.x = const_cast<double*>(values);
+        A.stype = -1;  // lower triangle stored
+        A.itype = CHOLMOD_INT;
+        A.xtype = values != nullptr ? CHOLMOD_REAL : CHOLMOD_PATTERN;
+        A.dtype = CHOLMOD_DOUBLE;
+        A.sorted = 1;
+        A.packed = 1;
+        return A;
+    }
+};
+
+Cholesky::Cholesky(const BlockPattern& pattern) : impl_(std::make_unique<Impl>(pattern)) {
+    cholmod_start(&impl_->common);
+    impl_->common.print = 0;
+    impl_->common.supernodal = CHOLMOD_AUTO;
+    impl_->common.nmethods = 0;  // try the user's, AMD and METIS orderings, keep the best
+    impl_->common.error_handler = nullptr;
+    cholmod_sparse A = impl_->view(nullptr);
+    impl_->factor = cholmod_analyze(&A, &impl_->common);
+    TERES_CHECK(impl_->factor != nullptr);
+}
+
+Cholesky::~Cholesky() {
+    cholmod_free_dense(&impl_->X, &impl_->common);
+    cholmod_free_dense(&impl_->Y, &impl_->common);
+    cholmod_free_dense(&impl_->E, &impl_->common);
+    cholmod_free_factor(&impl_->factor, &impl_->common);
+    cholmod_finish(&impl_->common);
+}
+
+bool Cholesky::factorise(const std::vector<double>& values) noexcept {
+    TERES_CHECK(values.size() == impl_->pattern.num_values());
+    cholmod_sparse A = impl_->view(values.data());
+    const int ok = cholmod_factorize(&A, impl_->factor, &impl_->common);
+    impl_->ready = ok != 0 && impl_->common.status == CHOLMOD_OK && impl_->factor->minor == impl_->factor->n;
+    return impl_->ready;
+}
+
+bool Cholesky::factorised() const { return impl_->ready; }
+
+void Cholesky::solve(Eigen::Ref<Eigen::MatrixXd> B) noexcept {
+    TERES_CHECK(impl_->ready && B.rows() == impl_->pattern.num_rows());
+    cholmod_dense b{};
+    b.nrow = static_cast<std::size_t>(B.rows());
+    b.ncol = static_cast<std::size_t>(B.cols());
+    b.d = static_cast<std::size_t>(B.outerStride());
+    b.nzmax = b.d * b.ncol;
+    b.x = B.data();
+    b.xtype = CHOLMOD_REAL;
+    b.dtype = CHOLMOD_DOUBLE;
+    const int ok = cholmod_solve2(CHOLMOD_A, impl_->factor, &b, nullptr, &impl_->X, nullptr, &impl_->Y, &impl_->E,
+                                  &impl_->common);
+    TERES_CHECK(ok != 0);
+    B = Eigen::Map<const Eigen::MatrixXd>(static_cast<const double*>(impl_->X->x), B.rows(), B.cols());
+}
+
+double Cholesky::factor_nonzeros() const { return impl_->common.lnz; }
+
+}  // namespace teres

@@ -1,0 +1,357 @@
+#include "plugins/simulation/equilibrium.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "core/check.h"
+
+namespace teres {
+
+namespace {
+constexpr int kHistory = 8;          // pairs of the quasi-Newton
+constexpr double kArmijo = 1e-4;     // sufficient decrease
+constexpr int kMaxBacktracks = 14;
+constexpr double kEnergyNoise = 1e-12;  // relative rounding of the potential
+}  // namespace
+
+struct EquilibriumSolver::Workspace {
+    Cholesky shared;
+    std::unique_ptr<Cholesky> own;  // for plain Newton; made on first use
+    std::vector<double> values;
+    Eigen::MatrixXd rhs;
+    std::vector<double> gradient, trial, trial_gradient, direction, scratch;
+    std::vector<double> dx[kHistory], dg[kHistory];
+    std::vector<double> rho[kHistory];
+    std::vector<int> pairs, newest;  // per lane
+    std::vector<double> energy, trial_energy, slope, norm, scale, step, best_norm;
+    std::vector<char> active, accepted;
+    // one lane alone, for plain Newton
+    std::vector<double> lane_theta, lane_x, lane_target, lane_gradient, lane_energy, lane_trial;
+    Positions positions;
+
+    Workspace(const MechanicalSystem& system, std::size_t max_lanes) : shared(system.pattern()) {
+        const std::size_t stride = padded_lanes(max_lanes), dofs = 3 * system.num_nodes();
+        for (auto* v : {&gradient, &trial, &trial_gradient, &direction, &scratch}) v->assign(dofs * stride, 0.0);
+        for (int m = 0; m < kHistory; ++m) {
+            dx[m].assign(dofs * stride, 0.0);
+            dg[m].assign(dofs * stride, 0.0);
+            rho[m].assign(stride, 0.0);
+        }
+        for (auto* v : {&energy, &trial_energy, &slope, &norm, &scale, &step, &best_norm}) v->assign(stride, 0.0);
+        pairs.assign(stride, 0);
+        newest.assign(stride, 0);
+        active.assign(stride, 0);
+        accepted.assign(stride, 0);
+        values.reserve(system.pattern().num_values());
+        rhs.resize(system.pattern().num_rows(), static_cast<Eigen::Index>(max_lanes));
+        lane_theta.assign(std::max<std::size_t>(1, system.parts().num_parameters) * kPackLanes, 0.0);
+        for (auto* v : {&lane_x, &lane_target, &lane_gradient, &lane_trial}) v->assign(dofs * kPackLanes, 0.0);
+        lane_energy.assign(kPackLanes, 0.0);
+        positions.resize(3, static_cast<Eigen::Index>(system.num_nodes()));
+    }
+};
+
+namespace {
+
+// out[l] = sum_d a[d, l] b[d, l]
+void lane_dot(const std::vector<double>& a, const std::vector<double>& b, std::size_t dofs, std::size_t stride,
+              std::vector<double>& out) {
+    std::fill(out.begin(), out.end(), 0.0);
+    for (std::size_t d = 0; d < dofs; ++d)
+        for (std::size_t l = 0; l < stride; ++l) out[l] += a[d * stride + l] * b[d * stride + l];
+}
+
+}  // namespace
+
+EquilibriumSolver::EquilibriumSolver(const MechanicalSystem& system, EquilibriumSettings settings, std::size_t max_lanes)
+    : system_(system), settings_(settings), w_(std::make_unique<Workspace>(system, max_lanes)) {}
+
+EquilibriumSolver::~EquilibriumSolver() = default;
+
+void EquilibriumSolver::invalidate() { w_ = std::make_unique<Workspace>(system_, static_cast<std::size_t>(w_->rhs.cols())); }
+
+bool EquilibriumSolver::factorise_at(const ExternalActions& actions, const Inertia& inertia, const double* theta,
+                                     const double* x, std::size_t lane, std::size_t stride,
+                                     EquilibriumReport& report) noexcept {
+    auto& w = *w_;
+    for (std::size_t d = 0; d < 3 * system_.num_nodes(); ++d) w.positions.data()[d] = x[d * stride + lane];
+    for (std::size_t p = 0; p < system_.parts().num_parameters; ++p) w.lane_theta[p] = theta[p * stride + lane];
+    if (!system_.tangent(actions, inertia.coefficient, w.lane_theta.data(), w.positions, w.values)) return false;
+    ++report.factorisations;
+    if (w.shared.factorise(w.values)) return true;
+    // Indefinite (compressed StVK, slack supports): shift the diagonal until it is a usable metric.
+    double mean = 0.0;
+    const auto& start = system_.pattern().column_start();
+    const auto rows = static_cast<std::size_t>(system_.pattern().num_rows());
+    for (std::size_t j = 0; j < rows; ++j) mean += std::abs(w.values[static_cast<std::size_t>(start[j])]);
+    mean /= static_cast<double>(std::max<std::size_t>(1, rows));
+    for (double shift = 1e-6 * mean; shift < mean; shift *= 10.0) {
+        for (std::size_t j = 0; j < rows; ++j) w.values[static_cast<std::size_t>(start[j])] += shift;
+        ++report.factorisations;
+        if (w.shared.factorise(w.values)) return true;
+    }
+    return false;
+}
+
+// direction = K^-1 direction for all lanes (right-hand sides together).
+void EquilibriumSolver::apply_metric(std::size_t stride, std::size_t lanes) noexcept {
+    auto& w = *w_;
+    const auto& pattern = system_.pattern();
+    auto rhs = w.rhs.leftCols(static_cast<Eigen::Index>(lanes));
+    for (std::size_t i = 0; i < system_.num_nodes(); ++i) {
+        const auto row = pattern.free_index(static_cast<NodeIndex>(i));
+        if (row < 0) continue;
+        for (std::size_t a = 0; a < 3; ++a)
+            for (std::size_t l = 0; l < lanes; ++l)
+                rhs(3 * row + static_cast<Eigen::Index>(a), static_cast<Eigen::Index>(l)) = w.direction[(3 * i + a) * stride + l];
+    }
+    w.shared.solve(rhs);
+    for (std::size_t i = 0; i < system_.num_nodes(); ++i) {
+        const auto row = pattern.free_index(static_cast<NodeIndex>(i));
+        if (row < 0) continue;
+        for (std::size_t a = 0; a < 3; ++a)
+            for (std::size_t l = 0; l < lanes; ++l)
+                w.direction[(3 * i + a) * stride + l] = rhs(3 * row + static_cast<Eigen::Index>(a), static_cast<Eigen::Index>(l));
+    }
+}
+
+EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const Inertia& inertia, const double* theta,
+                                           double* x, std::size_t lanes) noexcept {
+    auto& w = *w_;
+    EquilibriumReport report;
+    const std::size_t stride = padded_lanes(lanes), dofs = 3 * system_.num_nodes(), all = dofs * stride;
+    TERES_CHECK(lanes > 0 && static_cast<Eigen::Index>(lanes) <= w.rhs.cols());
+    for (std::size_t d = 0; d < dofs; ++d)  // padding lanes follow lane 0 so that they stay harmless
+        for (std::size_t l = lanes; l < stride; ++l) x[d * stride + l] = x[d * stride];
+
+    if (settings_.plain_newton) {
+        for (std::size_t l = 0; l < lanes; ++l) report.lanes_converged += newton(actions, inertia, theta, x, l, stride, report);
+        return report;
+    }
+
+    system_.gradient(actions, inertia, theta, x, w.gradient.data(), w.energy.data(), stride, lanes);
+    lane_dot(w.gradient, w.gradient, dofs, stride, w.norm);
+    // Force scale: the loads, or a small share of mu V^(2/3) when nothing pulls.
+    const auto& parts = system_.parts();
+    double volume = 0.0;
+    for (const double v : parts.body.points().front().volume) volume += v;
+    const double floor = 1e-5 * parts.body.material().mu() * std::cbrt(volume * volume);
+    const double scale = std::max(actions.force_n.norm(), floor);
+    bool any = false;
+    for (std::size_t l = 0; l < stride; ++l) {
+        w.norm[l] = std::sqrt(w.norm[l]);
+        w.scale[l] = scale;
+        w.active[l] = l < lanes && !(w.norm[l] <= settings_.relative_residual * scale);
+        w.pairs[l] = 0;
+        w.newest[l] = 0;
+        any = any || w.active[l];
+    }
+    if (any && !w.shared.factorised() && !factorise_at(actions, inertia, theta, x, 0, stride, report)) {
+        report.relative_residual = std::numeric_limits<double>::infinity();
+        return report;
+    }
+
+    bool refactorised = false;
+    int iteration = 0;
+    for (; any && iteration < settings_.max_iterations; ++iteration) {
+        if (iteration == settings_.refactorise_after && !refactorised) {
+            // The metric is stale: renew it at the slowest lane's present state.
+            std::size_t slowest = 0;
+            for (std::size_t l = 0; l < lanes; ++l)
+                if (w.active[l] && (!w.active[slowest] || w.norm[l] > w.norm[slowest])) slowest = l;
+            refactorised = factorise_at(actions, inertia, theta, x, slowest, stride, report);
+            std::fill(w.pairs.begin(), w.pairs.end(), 0);
+            if (!refactorised) break;
+        }
+        // Two-loop recursion (Nocedal & Wright 7.4), every lane with its own history.
+        std::copy_n(w.gradient.data(), all, w.direction.data());
+        double alpha[kHistory][64];
+        const int history = std::min(iteration, kHistory);
+        const auto slot = [&](std::size_t l, int back) { return (w.newest[l] + kHistory - back) % kHistory; };
+        for (int back = 0; back < history; ++back) {
+            // lanes reset at different times: slots agree because all lanes push together
+            const int m = slot(0, back);
+            lane_dot(w.dx[m], w.direction, dofs, stride, w.slope);
+            for (std::size_t l = 0; l < stride; ++l)
+                alpha[back][l] = back < w.pairs[l] ? w.rho[m][l] * w.slope[l] : 0.0;
+            for (std::size_t d = 0; d < dofs; ++d)
+                for (std::size_t l = 0; l < stride; ++l)
+                    w.direction[d * stride + l] -= alpha[back][l] * w.dg[m][d * stride + l];
+        }
+        apply_metric(stride, lanes);
+        for (int back = history - 1; back >= 0; --back) {
+            const int m = slot(0, back);
+            lane_dot(w.dg[m], w.direction, dofs, stride, w.slope);
+            double beta[64];
+            for (std::size_t l = 0; l < stride; ++l)
+                beta[l] = back < w.pairs[l] ? alpha[back][l] - w.rho[m][l] * w.slope[l] : 0.0;
+            for (std::size_t d = 0; d < dofs; ++d)
+                for (std::size_t l = 0; l < stride; ++l)
+                    w.direction[d * stride + l] += beta[l] * w.dx[m][d * stride + l];
+        }
+        lane_dot(w.gradient, w.direction, dofs, stride, w.slope);  // p = -direction: slope = -g.direction
+        for (std::size_t l = 0; l < stride; ++l) {
+            w.step[l] = w.active[l] && w.slope[l] > 0.0 ? 1.0 : 0.0;
+            w.accepted[l] = !w.active[l];
+            if (w.active[l] && !(w.slope[l] > 0.0)) w.pairs[l] = 0;  // not a descent direction: forget the history
+        }
+        bool all_accepted = false;
+        for (int backtrack = 0; backtrack <= kMaxBacktracks && !all_accepted; ++backtrack) {
+            for (std::size_t d = 0; d < dofs; ++d)
+                for (std::size_t l = 0; l < stride; ++l)
+                    w.trial[d * stride + l] = x[d * stride + l] - w.step[l] * w.direction[d * stride + l];
+            system_.gradient(actions, inertia, theta, w.trial.data(), w.trial_gradient.data(), w.trial_energy.data(),
+                             stride, lanes);
+            lane_dot(w.trial_gradient, w.trial_gradient, dofs, stride, w.best_norm);
+            all_accepted = true;
+            for (std::size_t l = 0; l < lanes; ++l) {
+                if (w.accepted[l]) continue;
+                const double new_norm = std::sqrt(w.best_norm[l]);
+                const double noise = kEnergyNoise * (std::abs(w.energy[l]) + w.step[l] * w.slope[l]);
+                const bool decrease = w.trial_energy[l] <= w.energy[l] - kArmijo * w.step[l] * w.slope[l];
+                const bool at_noise = w.trial_energy[l] <= w.energy[l] + 100.0 * noise && new_norm < w.norm[l];
+                if (std::isfinite(new_norm) && (decrease || at_noise))
+                    w.accepted[l] = 1;
+                else if (backtrack == kMaxBacktracks)
+                    w.step[l] = 0.0;
+                else {
+                    w.step[l] *= backtrack < 2 ? 0.5 : 0.25;
+                    all_accepted = false;
+                }
+            }
+        }
+        const int next = (w.newest[0] + 1) % kHistory;
+        for (std::size_t d = 0; d < dofs; ++d)
+            for (std::size_t l = 0; l < stride; ++l) {
+                const std::size_t k = d * stride + l;
+                w.dx[next][k] = 0.0;
+                w.dg[next][k] = 0.0;
+                if (!w.active[l] || !w.accepted[l] || w.step[l] == 0.0) continue;
+                w.dx[next][k] = w.trial[k] - x[k];
+                w.dg[next][k] = w.trial_gradient[k] - w.gradient[k];
+                x[k] = w.trial[k];
+                w.gradient[k] = w.trial_gradient[k];
+            }
+        lane_dot(w.dx[next], w.dg[next], dofs, stride, w.slope);
+        any = false;
+        for (std::size_t l = 0; l < stride; ++l) {
+            w.newest[l] = next;
+            if (!w.active[l]) continue;
+            if (w.accepted[l] && w.step[l] != 0.0) {
+                w.norm[l] = std::sqrt(w.best_norm[l]);
+                w.energy[l] = w.trial_energy[l];
+                if (w.slope[l] > 0.0) {
+                    w.rho[next][l] = 1.0 / w.slope[l];
+                    w.pairs[l] = std::min(w.pairs[l] + 1, kHistory);
+                } else {
+                    w.pairs[l] = 0;
+                }
+            } else {
+                w.pairs[l] = 0;
+            }
+            w.active[l] = !(w.norm[l] <= settings_.relative_residual * w.scale[l]);
+            any = any || w.active[l];
+        }
+    }
+    report.iterations = iteration;
+    for (std::size_t l = 0; l < lanes; ++l) {
+        if (w.active[l]) {
+            ++report.newton_lanes;
+            report.lanes_converged += newton(actions, inertia, theta, x, l, stride, report);
+        } else {
+            ++report.lanes_converged;
+            report.relative_residual = std::max(report.relative_residual, w.norm[l] / w.scale[l]);
+        }
+    }
+    return report;
+}
+
+bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& inertia, const double* theta, double* x,
+                               std::size_t lane, std::size_t stride, EquilibriumReport& report) noexcept {
+    auto& w = *w_;
+    const std::size_t dofs = 3 * system_.num_nodes();
+    const std::size_t num_parameters = system_.parts().num_parameters;
+    if (!w.own) w.own = std::make_unique<Cholesky>(system_.pattern());
+    std::vector<double>& alone = w.lane_x;
+    Inertia lane_inertia = inertia;
+    for (std::size_t d = 0; d < dofs; ++d)
+        for (std::size_t l = 0; l < kPackLanes; ++l) {
+            alone[d * kPackLanes + l] = x[d * stride + lane];
+            if (inertia.target != nullptr) w.lane_target[d * kPackLanes + l] = inertia.target[d * stride + lane];
+        }
+    if (inertia.target != nullptr) lane_inertia.target = w.lane_target.data();
+    std::vector<double>& theta_pack = w.lane_theta;
+    std::vector<double>& theta_one = w.scratch;  // first entries only
+    for (std::size_t p = 0; p < num_parameters; ++p) {
+        theta_one[p] = theta[p * stride + lane];
+        for (std::size_t l = 0; l < kPackLanes; ++l) theta_pack[p * kPackLanes + l] = theta_one[p];
+    }
+    double volume = 0.0;
+    for (const double v : system_.parts().body.points().front().volume) volume += v;
+    const double scale = std::max(actions.force_n.norm(), 1e-5 * system_.parts().body.material().mu() * std::cbrt(volume * volume));
+    const auto evaluate = [&](const std::vector<double>& at, double& energy) {
+        system_.gradient(actions, lane_inertia, theta_pack.data(), at.data(), w.lane_gradient.data(), w.lane_energy.data(),
+                         kPackLanes, 1);
+        energy = w.lane_energy[0];
+        double sum = 0.0;
+        for (std::size_t d = 0; d < dofs; ++d) sum += w.lane_gradient[d * kPackLanes] * w.lane_gradient[d * kPackLanes];
+        return std::sqrt(sum);
+    };
+    double energy = 0.0;
+    double norm = evaluate(alone, energy);
+    const auto& pattern = system_.pattern();
+    const auto& start = pattern.column_start();
+    int iteration = 0;
+    for (; iteration < settings_.max_newton_iterations && !(norm <= settings_.relative_residual * scale); ++iteration) {
+        for (std::size_t d = 0; d < dofs; ++d) w.positions.data()[d] = alone[d * kPackLanes];
+        if (!system_.tangent(actions, inertia.coefficient, theta_one.data(), w.positions, w.values)) break;
+        double mean = 0.0;
+        const auto rows = static_cast<std::size_t>(pattern.num_rows());
+        for (std::size_t j = 0; j < rows; ++j) mean += std::abs(w.values[static_cast<std::size_t>(start[j])]);
+        mean /= static_cast<double>(std::max<std::size_t>(1, rows));
+        bool definite = false;
+        for (double shift = 0.0; shift < mean && !definite; shift = shift == 0.0 ? 1e-6 * mean : 10.0 * shift) {
+            if (shift > 0.0)
+                for (std::size_t j = 0; j < rows; ++j) w.values[static_cast<std::size_t>(start[j])] += shift;
+            ++report.factorisations;
+            definite = w.own->factorise(w.values);
+        }
+        if (!definite) break;
+        auto rhs = w.rhs.leftCols(1);
+        for (std::size_t i = 0; i < system_.num_nodes(); ++i)
+            if (const auto row = pattern.free_index(static_cast<NodeIndex>(i)); row >= 0)
+                for (std::size_t a = 0; a < 3; ++a)
+                    rhs(3 * row + static_cast<Eigen::Index>(a), 0) = w.lane_gradient[(3 * i + a) * kPackLanes];
+        double slope = rhs.col(0).squaredNorm();
+        const Eigen::VectorXd g = rhs.col(0);
+        w.own->solve(rhs);
+        slope = g.dot(rhs.col(0));
+        double step = 1.0;
+        bool accepted = false;
+        for (int backtrack = 0; backtrack <= kMaxBacktracks && !accepted; ++backtrack, step *= 0.5) {
+            w.lane_trial = alone;
+            for (std::size_t i = 0; i < system_.num_nodes(); ++i)
+                if (const auto row = pattern.free_index(static_cast<NodeIndex>(i)); row >= 0)
+                    for (std::size_t a = 0; a < 3; ++a)
+                        for (std::size_t l = 0; l < kPackLanes; ++l)
+                            w.lane_trial[(3 * i + a) * kPackLanes + l] -= step * rhs(3 * row + static_cast<Eigen::Index>(a), 0);
+            double trial_energy = 0.0;
+            const double trial_norm = evaluate(w.lane_trial, trial_energy);
+            const bool at_noise = trial_energy <= energy + 100.0 * kEnergyNoise * std::abs(energy) && trial_norm < norm;
+            if (std::isfinite(trial_norm) && (trial_energy <= energy - kArmijo * step * slope || at_noise)) {
+                alone.swap(w.lane_trial);
+                energy = trial_energy;
+                norm = trial_norm;
+                accepted = true;
+            }
+        }
+        if (!accepted) break;
+    }
+    for (std::size_t d = 0; d < dofs; ++d) x[d * stride + lane] = alone[d * kPackLanes];
+    report.iterations = std::max(report.iterations, iteration);
+    report.relative_residual = std::max(report.relative_residual, norm / scale);
+    return norm <= settings_.relative_residual * scale;
+}
+
+}  // namespace teres

@@ -1,0 +1,98 @@
+#include "plugins/simulation/system.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+namespace teres {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+MechanicalSystem::MechanicalSystem(Parts parts) : parts_(std::move(parts)) {
+    std::vector<std::set<NodeIndex>> neighbours(num_nodes());
+    parts_.body.couple(neighbours);
+    pattern_ = BlockPattern::make(neighbours, parts_.held);
+    parts_.body.bind(pattern_);
+}
+
+void MechanicalSystem::resolve(std::span<const double> region_force_n, std::span<const double> tool_position_m,
+                               ExternalActions& out) const {
+    out.force_n.setZero(static_cast<Eigen::Index>(3 * num_nodes()));
+    for (std::size_t i = 0; i < num_nodes(); ++i)  // m g
+        out.force_n.segment<3>(static_cast<Eigen::Index>(3 * i)) =
+            parts_.node_mass_kg(static_cast<Eigen::Index>(i)) * parts_.gravity_m_s2;
+    for (std::size_t r = 0; r < parts_.loads.size() && 3 * r + 2 < region_force_n.size(); ++r) {
+        const Vector3d force(region_force_n[3 * r], region_force_n[3 * r + 1], region_force_n[3 * r + 2]);
+        if (!force.allFinite()) continue;
+        const auto& patch = parts_.loads[r];
+        for (std::size_t k = 0; k < patch.node.size(); ++k)
+            out.force_n.segment<3>(3 * static_cast<Eigen::Index>(patch.node[k])) += patch.weight[k] * force;
+    }
+    out.tool_position_m.resize(3, static_cast<Eigen::Index>(parts_.tools.size()));
+    for (std::size_t k = 0; k < 3 * parts_.tools.size(); ++k)
+        out.tool_position_m.data()[k] = k < tool_position_m.size() ? tool_position_m[k] : std::nan("");
+}
+
+void MechanicalSystem::gradient(const ExternalActions& actions, const Inertia& inertia, const double* theta,
+                                const double* x, double* gradient, double* energy, std::size_t stride,
+                                std::size_t lanes) const noexcept {
+    const std::size_t dofs = 3 * num_nodes();
+    std::fill(energy, energy + stride, 0.0);
+    for (std::size_t d = 0; d < dofs; ++d) {
+        const double f = actions.force_n(static_cast<Eigen::Index>(d));
+        const double c = inertia.coefficient * parts_.node_mass_kg(static_cast<Eigen::Index>(d / 3));
+        const double X = parts_.X.data()[d];
+        for (std::size_t l = 0; l < stride; ++l) {
+            const double u = x[d * stride + l] - X;  // work of the load from rest: small numbers keep their digits
+            gradient[d * stride + l] = -f;
+            energy[l] -= f * u;
+            if (c != 0.0) {
+                const double e = x[d * stride + l] - inertia.target[d * stride + l];
+                gradient[d * stride + l] += c * e;
+                energy[l] += 0.5 * c * e * e;
+            }
+        }
+    }
+    parts_.body.add_gradient(x, gradient, energy, stride);
+    add_tether_gradient(parts_.tethers, theta, x, gradient, energy, stride, lanes);
+    for (std::size_t k = 0; k < parts_.tools.size(); ++k) {
+        const auto& tool = parts_.tools[k];
+        const auto target = actions.tool_position_m.col(static_cast<Eigen::Index>(k));
+        if (!target.allFinite()) continue;
+        for (std::size_t a = 0; a < 3; ++a) {
+            const std::size_t d = 3 * static_cast<std::size_t>(tool.node) + a;
+            for (std::size_t l = 0; l < stride; ++l) {
+                const double e = x[d * stride + l] - target(static_cast<Eigen::Index>(a));
+                gradient[d * stride + l] += tool.stiffness_n_per_m * e;
+                energy[l] += 0.5 * tool.stiffness_n_per_m * e * e;
+            }
+        }
+    }
+    for (std::size_t i = 0; i < num_nodes(); ++i)
+        if (parts_.held[i]) std::fill(gradient + 3 * i * stride, gradient + 3 * (i + 1) * stride, 0.0);
+}
+
+bool MechanicalSystem::tangent(const ExternalActions& actions, double inertia_coefficient, const double* theta,
+                               const Positions& x, std::vector<double>& values) const noexcept {
+    values.assign(pattern_.num_values(), 0.0);
+    if (!parts_.body.add_tangent(x, pattern_, values)) return false;
+    add_tether_tangent(parts_.tethers, theta, x, pattern_, values);
+    for (std::size_t k = 0; k < parts_.tools.size(); ++k) {
+        const auto& tool = parts_.tools[k];
+        if (!actions.tool_position_m.col(static_cast<Eigen::Index>(k)).allFinite()) continue;
+        pattern_.add(tool.node, tool.node, pattern_.block(tool.node, tool.node),
+                     tool.stiffness_n_per_m * Matrix3d::Identity(), values);
+    }
+    if (inertia_coefficient != 0.0)
+        for (std::size_t i = 0; i < num_nodes(); ++i)
+            if (!parts_.held[i]) {
+                const auto node = static_cast<NodeIndex>(i);
+                pattern_.add(node, node, pattern_.block(node, node),
+                             inertia_coefficient * parts_.node_mass_kg(static_cast<Eigen::Index>(i)) * Matrix3d::Identity(),
+                             values);
+            }
+    return true;
+}
+
+}  // namespace teres

@@ -1,0 +1,79 @@
+// The whole mechanical system at one time: body, tethers, gravity, loads and tools; total potential of every lane.
+//
+//   Pi(x; theta, t) = Psi_body(x) + sum tethers psi(x; theta) + sum tools k/2 |x - x_tool|^2 - f(t).x - m g.x     [J]
+//
+// Equilibrium is dPi/dx = 0 on the free nodes. With Inertia the same function is the incremental potential of one
+// implicit time step, Pi + c/2 |x - x_hat|^2_M.
+#pragma once
+
+#include <Eigen/Core>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "plugins/simulation/block_pattern.h"
+#include "plugins/simulation/body.h"
+#include "plugins/simulation/tether.h"
+
+namespace teres {
+
+struct ToolSpring {
+    NodeIndex node = 0;
+    double stiffness_n_per_m = 0.0;
+};
+
+struct LoadPatch {
+    std::vector<NodeIndex> node;
+    std::vector<double> weight;
+};
+
+/// Known inputs of a step, resolved to nodes.
+struct ExternalActions {
+    Eigen::VectorXd force_n;          ///< 3N, dead loads incl. gravity
+    Eigen::Matrix3Xd tool_position_m;  ///< per tool; NaN: detached
+};
+
+/// Inertia of an implicit step: adds coefficient * mass * (x - target) to the gradient.
+struct Inertia {
+    double coefficient = 0.0;         ///< c [1/s^2]; 0: quasi-static
+    const double* target = nullptr;   ///< x_hat, batch layout
+};
+
+class MechanicalSystem {
+  public:
+    struct Parts {
+        Positions X;                   ///< rest positions of all nodes (mid-edge nodes included)
+        Body body;
+        std::vector<Tether> tethers;
+        std::vector<LoadPatch> loads;
+        std::vector<ToolSpring> tools;
+        std::vector<char> held;        ///< 1 for clamped nodes
+        Eigen::VectorXd node_mass_kg;  ///< lumped
+        Eigen::Vector3d gravity_m_s2 = Eigen::Vector3d::Zero();
+        std::size_t num_parameters = 0;
+    };
+    explicit MechanicalSystem(Parts parts);
+    MechanicalSystem(const MechanicalSystem&) = delete;
+    MechanicalSystem& operator=(const MechanicalSystem&) = delete;
+
+    const Parts& parts() const { return parts_; }
+    Parts& parts() { return parts_; }
+    const BlockPattern& pattern() const { return pattern_; }
+    std::size_t num_nodes() const { return static_cast<std::size_t>(parts_.X.cols()); }
+
+    /// [loop] Resolves region forces (3 per load patch) and tool positions (3 per tool).
+    void resolve(std::span<const double> region_force_n, std::span<const double> tool_position_m, ExternalActions& out) const;
+    /// [loop] Overwrites energy (per lane) and gradient (batch layout; zero on held nodes).
+    void gradient(const ExternalActions& actions, const Inertia& inertia, const double* theta, const double* x,
+                  double* gradient, double* energy, std::size_t stride, std::size_t lanes) const noexcept;
+    /// [loop] Overwrites the tangent of one state. False outside the law's domain.
+    bool tangent(const ExternalActions& actions, double inertia_coefficient, const double* theta, const Positions& x,
+                 std::vector<double>& values) const noexcept;
+
+  private:
+    Parts parts_;
+    BlockPattern pattern_;
+};
+
+}  // namespace teres

@@ -1,0 +1,41 @@
+// What ties nodes of the body to its surroundings: ligament bands, springs to anchors, tools. Each acts on one node.
+//
+//   band      a patch of a solid band of height h glued to the surface, far edge fixed (small strain of the band):
+//             psi = theta w/2 [ (u.n)^2 + r (|u|^2 - (u.n)^2) ],  u = x - X, n the outward normal           [J]
+//
+// theta is the parameter of the tether's group (N/m for bands, a factor for springs), w the tether's share of it.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+#include "plugins/simulation/block_pattern.h"
+#include "plugins/simulation/tet_mesh.h"
+
+namespace teres {
+
+struct BandPatch {
+    Eigen::Vector3d rest;        ///< X [m]
+    Eigen::Vector3d normal;      ///< n
+    double shear_ratio = 0.3;    ///< r: tangential over normal stiffness
+};
+
+struct Tether {
+    enum class Kind { kBand, kSpring };
+    Kind kind = Kind::kBand;
+    NodeIndex node = 0;
+    std::int32_t parameter = -1;  ///< index into theta; -1: theta = 1
+    double share = 1.0;           ///< w
+    BandPatch band;
+};
+
+/// Adds energy and gradient of all tethers for every lane; theta: parameter p of lane l at p * stride + l.
+void add_tether_gradient(const std::vector<Tether>& tethers, const double* theta, const double* x, double* gradient,
+                         double* energy, std::size_t stride, std::size_t lanes) noexcept;
+
+/// Adds the tangent of one state; theta: one value per parameter.
+void add_tether_tangent(const std::vector<Tether>& tethers, const double* theta, const Positions& x,
+                        const BlockPattern& pattern, std::vector<double>& values) noexcept;
+
+}  // namespace teres
