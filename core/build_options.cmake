@@ -4,7 +4,7 @@ add_library(teres::options ALIAS teres_options)
 target_compile_features(teres_options INTERFACE cxx_std_20)
 target_include_directories(teres_options INTERFACE ${PROJECT_SOURCE_DIR} ${PROJECT_BINARY_DIR})
 target_compile_options(teres_options INTERFACE -Wall -Wextra -Wshadow -Wnon-virtual-dtor -Woverloaded-virtual
-  $<$<BOOL:${TERES_WERROR}>:-Werror> -fno-math-errno -ffp-contract=off)
+  $<$<BOOL:${TERES_WERROR}>:-Werror> -fno-math-errno -ffp-contract=off -Wno-psabi)
 target_compile_definitions(teres_options INTERFACE TERES_VERSION="${PROJECT_VERSION}")
 if(TERES_SANITIZE)
   target_compile_options(teres_options INTERFACE -fsanitize=${TERES_SANITIZE} -fno-omit-frame-pointer)

@@ -51,7 +51,7 @@ class ForwardModel {
 
     // Shape [setup]
     virtual std::size_t num_nodes() const = 0;
-    virtual std::size_t num_state() const = 0;  ///< 3 N (positions) quasi-static; 6 N (positions, velocities) dynamic
+    virtual std::size_t num_state() const = 0;  ///< 3 N (positions) quasi-static; then velocities and, by scheme, accelerations: 6 N or 9 N
     virtual std::size_t num_parameters() const = 0;
     virtual ForwardParameter parameter(std::size_t index) const = 0;
     virtual std::size_t num_attachment_nodes() const = 0;

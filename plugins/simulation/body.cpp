@@ -26,23 +26,28 @@ void Body::bind(const BlockPattern& pattern) {
         for (std::size_t q = 0; q < set.size(); ++q)
             for (auto i = set.offset[q]; i < set.offset[q + 1]; ++i)
                 for (auto j = i; j < set.offset[q + 1]; ++j)
-                    blocks.push_back(pattern.block(set.node[static_cast<std::size_t>(i)], set.node[static_cast<std::size_t>(j)]));
+                    blocks.push_back(pattern.block(set.node[static_cast<std::size_t>(i)],
+                                                   set.node[static_cast<std::size_t>(j)]));
     }
 }
 
-void Body::add_gradient(const double* x, double* gradient, double* energy, std::size_t stride) const noexcept {
+void Body::add_gradient(const double* x, double* gradient, double* energy,
+                        std::size_t stride) const noexcept {
     for (const auto& set : points_) add_gradient_of_points(set, material_, x, gradient, energy, stride);
 }
 
-bool Body::add_tangent(const Positions& x, const BlockPattern& pattern, std::vector<double>& values) const noexcept {
+bool Body::add_tangent(const Positions& x, const BlockPattern& pattern,
+                       std::vector<double>& values) const noexcept {
     for (std::size_t s = 0; s < points_.size(); ++s) {
         const auto& set = points_[s];
         const std::int32_t* block = blocks_[s].data();
         for (std::size_t q = 0; q < set.size(); ++q) {
-            const auto first = static_cast<std::size_t>(set.offset[q]), last = static_cast<std::size_t>(set.offset[q + 1]);
+            const auto first = static_cast<std::size_t>(set.offset[q]),
+                       last = static_cast<std::size_t>(set.offset[q + 1]);
             Matrix3d F = Matrix3d::Zero();
             for (auto i = first; i < last; ++i)
-                F.noalias() += x.col(set.node[i]) * Eigen::Map<const Vector3d>(&set.gradient[3 * i]).transpose();
+                F.noalias() +=
+                    x.col(set.node[i]) * Eigen::Map<const Vector3d>(&set.gradient[3 * i]).transpose();
             double psi = 0.0;
             Matrix3d P;
             Matrix9d A;

@@ -1,10 +1,12 @@
-// The elastic body: energy, forces and tangent of all its strain points, for one state or for a batch of lanes.
+// The elastic body: energy, forces and tangent of all its strain points, for one state or for a batch of
+// lanes.
 //
 //   Psi(x)  = sum_q V_q s_q psi(F_q)                                 [J]
 //   f_i     = -dPsi/dx_i = -sum_q V_q s_q P(F_q) dN_i/dX             [N]
 //   K_ij    = d2Psi/dx_i dx_j = sum_q V_q s_q (dN_i . A(F_q) . dN_j)  [N/m]
 //
-// Batch layout: value of dof d in lane l at d * stride + l; stride is a multiple of kPackLanes (lane = SIMD lane).
+// Batch layout: value of dof d in lane l at d * stride + l; stride is a multiple of kPackLanes (lane = SIMD
+// lane).
 #pragma once
 
 #include <Eigen/Core>
@@ -20,11 +22,14 @@ namespace teres {
 
 inline constexpr std::size_t kPackLanes = 4;
 
-inline std::size_t padded_lanes(std::size_t lanes) { return (lanes + kPackLanes - 1) / kPackLanes * kPackLanes; }
+inline std::size_t padded_lanes(std::size_t lanes) {
+    return (lanes + kPackLanes - 1) / kPackLanes * kPackLanes;
+}
 
 class Body {
   public:
-    Body(std::vector<StrainPoints> points, Material material) : points_(std::move(points)), material_(material) {}
+    Body(std::vector<StrainPoints> points, Material material)
+        : points_(std::move(points)), material_(material) {}
 
     const Material& material() const { return material_; }
     const std::vector<StrainPoints>& points() const { return points_; }
@@ -38,13 +43,16 @@ class Body {
     /// [loop] Energy and gradient dPsi/dx of every lane, added to `energy` (one per lane) and `gradient`.
     /// A lane whose F is outside the law's domain gets infinite energy.
     void add_gradient(const double* x, double* gradient, double* energy, std::size_t stride) const noexcept;
-    /// [loop] Adds the tangent of one state (x: num_nodes columns) to `values`. False outside the law's domain.
-    bool add_tangent(const Positions& x, const BlockPattern& pattern, std::vector<double>& values) const noexcept;
+    /// [loop] Adds the tangent of one state (x: num_nodes columns) to `values`. False outside the law's
+    /// domain.
+    bool add_tangent(const Positions& x, const BlockPattern& pattern,
+                     std::vector<double>& values) const noexcept;
 
   private:
     std::vector<StrainPoints> points_;
     Material material_;
-    std::vector<std::vector<std::int32_t>> blocks_;  // per point set: block index per node pair (row <= column order)
+    std::vector<std::vector<std::int32_t>>
+        blocks_;  // per point set: block index per node pair (row <= column order)
 };
 
 }  // namespace teres

@@ -18,7 +18,9 @@ Pack load(const double* p) {
     std::memcpy(&v, p, sizeof v);
     return v;
 }
-void store(double* p, const Pack& v) { std::memcpy(p, &v, sizeof v); }
+void store(double* p, const Pack& v) {
+    std::memcpy(p, &v, sizeof v);
+}
 
 template <class F>
 Pack lanewise(const Pack& v, F&& f) {
@@ -52,8 +54,10 @@ Pack stvk(const Gradient& F, double mu, double lambda, Gradient& P) {
     constexpr int kIndex[3][3] = {{0, 3, 4}, {3, 1, 5}, {4, 5, 2}};
     for (int b = 0; b < 3; ++b)
         for (int a = 0; a < 3; ++a)
-            P.m[a + 3 * b] = F.m[a] * S[kIndex[0][b]] + F.m[a + 3] * S[kIndex[1][b]] + F.m[a + 6] * S[kIndex[2][b]];
-    const Pack square = E[0] * E[0] + E[1] * E[1] + E[2] * E[2] + 2.0 * (E[3] * E[3] + E[4] * E[4] + E[5] * E[5]);
+            P.m[a + 3 * b] =
+                F.m[a] * S[kIndex[0][b]] + F.m[a + 3] * S[kIndex[1][b]] + F.m[a + 6] * S[kIndex[2][b]];
+    const Pack square =
+        E[0] * E[0] + E[1] * E[1] + E[2] * E[2] + 2.0 * (E[3] * E[3] + E[4] * E[4] + E[5] * E[5]);
     return mu * square + 0.5 * lambda * trace * trace;
 }
 
@@ -75,7 +79,8 @@ Pack cofactors(const Gradient& F, Gradient& cof) {
 Pack neo_hookean(const Gradient& F, double mu, double lambda, Gradient& P) {
     Gradient cof;
     const Pack J = cofactors(F, cof);
-    const Pack log_j = lanewise(J, [](double j) { return j > 0.0 ? std::log(j) : std::numeric_limits<double>::quiet_NaN(); });
+    const Pack log_j = lanewise(
+        J, [](double j) { return j > 0.0 ? std::log(j) : std::numeric_limits<double>::quiet_NaN(); });
     const Pack factor = (lambda * log_j - mu) / J;
     Pack square = F.m[0] * F.m[0];
     for (int i = 1; i < 9; ++i) square += F.m[i] * F.m[i];
@@ -87,7 +92,8 @@ Pack neo_hookean(const Gradient& F, double mu, double lambda, Gradient& P) {
 Pack log_volume(const Gradient& F, double bulk, Gradient& P) {
     Gradient cof;
     const Pack J = cofactors(F, cof);
-    const Pack log_j = lanewise(J, [](double j) { return j > 0.0 ? std::log(j) : std::numeric_limits<double>::quiet_NaN(); });
+    const Pack log_j = lanewise(
+        J, [](double j) { return j > 0.0 ? std::log(j) : std::numeric_limits<double>::quiet_NaN(); });
     const Pack factor = bulk * log_j / J;
     for (int i = 0; i < 9; ++i) P.m[i] = factor * cof.m[i];
     return 0.5 * bulk * log_j * log_j;
@@ -112,22 +118,26 @@ Pack by_lane(const Material& material, PartWeights part, const Gradient& F, Grad
 
 Pack evaluate(const Material& material, PartWeights part, const Gradient& F, Gradient& P) {
     switch (material.law()) {
-        case BodyLaw::kStVK: return stvk(F, part.shear * material.mu(), part.volume * material.lambda(), P);
-        case BodyLaw::kNeoHookean: return neo_hookean(F, part.shear * material.mu(), part.volume * material.lambda(), P);
+        case BodyLaw::kStVK:
+            return stvk(F, part.shear * material.mu(), part.volume * material.lambda(), P);
+        case BodyLaw::kNeoHookean:
+            return neo_hookean(F, part.shear * material.mu(), part.volume * material.lambda(), P);
         case BodyLaw::kOgden:
             if (part.shear == 0.0) return log_volume(F, part.volume * material.lambda(), P);
             break;
-        case BodyLaw::kCorotational: break;
+        case BodyLaw::kCorotational:
+            break;
     }
     return by_lane(material, part, F, P);
 }
 
 }  // namespace
 
-void add_gradient_of_points(const StrainPoints& points, const Material& material, const double* x, double* gradient,
-                            double* energy, std::size_t stride) noexcept {
+void add_gradient_of_points(const StrainPoints& points, const Material& material, const double* x,
+                            double* gradient, double* energy, std::size_t stride) noexcept {
     for (std::size_t q = 0; q < points.size(); ++q) {
-        const auto first = static_cast<std::size_t>(points.offset[q]), last = static_cast<std::size_t>(points.offset[q + 1]);
+        const auto first = static_cast<std::size_t>(points.offset[q]),
+                   last = static_cast<std::size_t>(points.offset[q + 1]);
         const double scale = points.volume[q] * points.stiffness_scale[q];
         for (std::size_t lane = 0; lane < stride; lane += kPackLanes) {
             Gradient F{};
@@ -146,7 +156,8 @@ void add_gradient_of_points(const StrainPoints& points, const Material& material
                 double* gi = gradient + static_cast<std::size_t>(points.node[i]) * 3 * stride + lane;
                 const double* g = &points.gradient[3 * i];
                 for (std::size_t a = 0; a < 3; ++a)
-                    store(gi + a * stride, load(gi + a * stride) + P.m[a] * g[0] + P.m[a + 3] * g[1] + P.m[a + 6] * g[2]);
+                    store(gi + a * stride,
+                          load(gi + a * stride) + P.m[a] * g[0] + P.m[a + 3] * g[1] + P.m[a + 6] * g[2]);
             }
         }
     }

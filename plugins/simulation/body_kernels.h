@@ -9,7 +9,7 @@
 namespace teres {
 
 /// Adds energy (one per lane) and gradient of all points; layout as in body.h.
-void add_gradient_of_points(const StrainPoints& points, const Material& material, const double* x, double* gradient,
-                            double* energy, std::size_t stride) noexcept;
+void add_gradient_of_points(const StrainPoints& points, const Material& material, const double* x,
+                            double* gradient, double* energy, std::size_t stride) noexcept;
 
 }  // namespace teres

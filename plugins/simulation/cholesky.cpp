@@ -63,7 +63,9 @@ bool Cholesky::factorise(const std::vector<double>& values) noexcept {
     return impl_->ready;
 }
 
-bool Cholesky::factorised() const { return impl_->ready; }
+bool Cholesky::factorised() const {
+    return impl_->ready;
+}
 
 void Cholesky::solve(Eigen::Ref<Eigen::MatrixXd> B) noexcept {
     TERES_CHECK(impl_->ready && B.rows() == impl_->pattern.num_rows());
@@ -75,12 +77,14 @@ void Cholesky::solve(Eigen::Ref<Eigen::MatrixXd> B) noexcept {
     b.x = B.data();
     b.xtype = CHOLMOD_REAL;
     b.dtype = CHOLMOD_DOUBLE;
-    const int ok = cholmod_solve2(CHOLMOD_A, impl_->factor, &b, nullptr, &impl_->X, nullptr, &impl_->Y, &impl_->E,
-                                  &impl_->common);
+    const int ok = cholmod_solve2(CHOLMOD_A, impl_->factor, &b, nullptr, &impl_->X, nullptr, &impl_->Y,
+                                  &impl_->E, &impl_->common);
     TERES_CHECK(ok != 0);
     B = Eigen::Map<const Eigen::MatrixXd>(static_cast<const double*>(impl_->X->x), B.rows(), B.cols());
 }
 
-double Cholesky::factor_nonzeros() const { return impl_->common.lnz; }
+double Cholesky::factor_nonzeros() const {
+    return impl_->common.lnz;
+}
 
 }  // namespace teres

@@ -1,4 +1,5 @@
-// Sparse Cholesky factorisation K = L L^T behind a small interface (CHOLMOD inside; a permissive one can replace it).
+// Sparse Cholesky factorisation K = L L^T behind a small interface (CHOLMOD inside; a permissive one can
+// replace it).
 #pragma once
 
 #include <Eigen/Core>
@@ -11,7 +12,8 @@ namespace teres {
 
 class Cholesky {
   public:
-    /// [setup] Orders the pattern (nested dissection or minimum degree, whichever fills less). Keeps a reference to it.
+    /// [setup] Orders the pattern (nested dissection or minimum degree, whichever fills less). Keeps a
+    /// reference to it.
     explicit Cholesky(const BlockPattern& pattern);
     ~Cholesky();
     Cholesky(const Cholesky&) = delete;

@@ -9,8 +9,8 @@
 namespace teres {
 
 namespace {
-constexpr int kHistory = 8;          // pairs of the quasi-Newton
-constexpr double kArmijo = 1e-4;     // sufficient decrease
+constexpr int kHistory = 8;       // pairs of the quasi-Newton
+constexpr double kArmijo = 1e-4;  // sufficient decrease
 constexpr int kMaxBacktracks = 14;
 constexpr double kEnergyNoise = 1e-12;  // relative rounding of the potential
 }  // namespace
@@ -27,18 +27,21 @@ struct EquilibriumSolver::Workspace {
     std::vector<double> energy, trial_energy, slope, norm, scale, step, best_norm;
     std::vector<char> active, accepted;
     // one lane alone, for plain Newton
-    std::vector<double> lane_theta, lane_x, lane_target, lane_gradient, lane_energy, lane_trial;
+    std::vector<double> lane_theta, lane_x, lane_target, lane_damping_target, lane_gradient, lane_energy,
+        lane_trial;
     Positions positions;
 
     Workspace(const MechanicalSystem& system, std::size_t max_lanes) : shared(system.pattern()) {
         const std::size_t stride = padded_lanes(max_lanes), dofs = 3 * system.num_nodes();
-        for (auto* v : {&gradient, &trial, &trial_gradient, &direction, &scratch}) v->assign(dofs * stride, 0.0);
+        for (auto* v : {&gradient, &trial, &trial_gradient, &direction, &scratch})
+            v->assign(dofs * stride, 0.0);
         for (int m = 0; m < kHistory; ++m) {
             dx[m].assign(dofs * stride, 0.0);
             dg[m].assign(dofs * stride, 0.0);
             rho[m].assign(stride, 0.0);
         }
-        for (auto* v : {&energy, &trial_energy, &slope, &norm, &scale, &step, &best_norm}) v->assign(stride, 0.0);
+        for (auto* v : {&energy, &trial_energy, &slope, &norm, &scale, &step, &best_norm})
+            v->assign(stride, 0.0);
         pairs.assign(stride, 0);
         newest.assign(stride, 0);
         active.assign(stride, 0);
@@ -46,7 +49,8 @@ struct EquilibriumSolver::Workspace {
         values.reserve(system.pattern().num_values());
         rhs.resize(system.pattern().num_rows(), static_cast<Eigen::Index>(max_lanes));
         lane_theta.assign(std::max<std::size_t>(1, system.parts().num_parameters) * kPackLanes, 0.0);
-        for (auto* v : {&lane_x, &lane_target, &lane_gradient, &lane_trial}) v->assign(dofs * kPackLanes, 0.0);
+        for (auto* v : {&lane_x, &lane_target, &lane_damping_target, &lane_gradient, &lane_trial})
+            v->assign(dofs * kPackLanes, 0.0);
         lane_energy.assign(kPackLanes, 0.0);
         positions.resize(3, static_cast<Eigen::Index>(system.num_nodes()));
     }
@@ -55,8 +59,8 @@ struct EquilibriumSolver::Workspace {
 namespace {
 
 // out[l] = sum_d a[d, l] b[d, l]
-void lane_dot(const std::vector<double>& a, const std::vector<double>& b, std::size_t dofs, std::size_t stride,
-              std::vector<double>& out) {
+void lane_dot(const std::vector<double>& a, const std::vector<double>& b, std::size_t dofs,
+              std::size_t stride, std::vector<double>& out) {
     std::fill(out.begin(), out.end(), 0.0);
     for (std::size_t d = 0; d < dofs; ++d)
         for (std::size_t l = 0; l < stride; ++l) out[l] += a[d * stride + l] * b[d * stride + l];
@@ -64,20 +68,24 @@ void lane_dot(const std::vector<double>& a, const std::vector<double>& b, std::s
 
 }  // namespace
 
-EquilibriumSolver::EquilibriumSolver(const MechanicalSystem& system, EquilibriumSettings settings, std::size_t max_lanes)
+EquilibriumSolver::EquilibriumSolver(const MechanicalSystem& system, EquilibriumSettings settings,
+                                     std::size_t max_lanes)
     : system_(system), settings_(settings), w_(std::make_unique<Workspace>(system, max_lanes)) {}
 
 EquilibriumSolver::~EquilibriumSolver() = default;
 
-void EquilibriumSolver::invalidate() { w_ = std::make_unique<Workspace>(system_, static_cast<std::size_t>(w_->rhs.cols())); }
+void EquilibriumSolver::invalidate() {
+    w_ = std::make_unique<Workspace>(system_, static_cast<std::size_t>(w_->rhs.cols()));
+}
 
-bool EquilibriumSolver::factorise_at(const ExternalActions& actions, const Inertia& inertia, const double* theta,
-                                     const double* x, std::size_t lane, std::size_t stride,
-                                     EquilibriumReport& report) noexcept {
+bool EquilibriumSolver::factorise_at(const ExternalActions& actions, const Inertia& inertia,
+                                     const double* theta, const double* x, std::size_t lane,
+                                     std::size_t stride, EquilibriumReport& report) noexcept {
     auto& w = *w_;
     for (std::size_t d = 0; d < 3 * system_.num_nodes(); ++d) w.positions.data()[d] = x[d * stride + lane];
-    for (std::size_t p = 0; p < system_.parts().num_parameters; ++p) w.lane_theta[p] = theta[p * stride + lane];
-    if (!system_.tangent(actions, inertia.coefficient, w.lane_theta.data(), w.positions, w.values)) return false;
+    for (std::size_t p = 0; p < system_.parts().num_parameters; ++p)
+        w.lane_theta[p] = theta[p * stride + lane];
+    if (!system_.tangent(actions, inertia, lane, w.lane_theta.data(), w.positions, w.values)) return false;
     ++report.factorisations;
     if (w.shared.factorise(w.values)) return true;
     // Indefinite (compressed StVK, slack supports): shift the diagonal until it is a usable metric.
@@ -104,7 +112,8 @@ void EquilibriumSolver::apply_metric(std::size_t stride, std::size_t lanes) noex
         if (row < 0) continue;
         for (std::size_t a = 0; a < 3; ++a)
             for (std::size_t l = 0; l < lanes; ++l)
-                rhs(3 * row + static_cast<Eigen::Index>(a), static_cast<Eigen::Index>(l)) = w.direction[(3 * i + a) * stride + l];
+                rhs(3 * row + static_cast<Eigen::Index>(a), static_cast<Eigen::Index>(l)) =
+                    w.direction[(3 * i + a) * stride + l];
     }
     w.shared.solve(rhs);
     for (std::size_t i = 0; i < system_.num_nodes(); ++i) {
@@ -112,12 +121,13 @@ void EquilibriumSolver::apply_metric(std::size_t stride, std::size_t lanes) noex
         if (row < 0) continue;
         for (std::size_t a = 0; a < 3; ++a)
             for (std::size_t l = 0; l < lanes; ++l)
-                w.direction[(3 * i + a) * stride + l] = rhs(3 * row + static_cast<Eigen::Index>(a), static_cast<Eigen::Index>(l));
+                w.direction[(3 * i + a) * stride + l] =
+                    rhs(3 * row + static_cast<Eigen::Index>(a), static_cast<Eigen::Index>(l));
     }
 }
 
-EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const Inertia& inertia, const double* theta,
-                                           double* x, std::size_t lanes) noexcept {
+EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const Inertia& inertia,
+                                           const double* theta, double* x, std::size_t lanes) noexcept {
     auto& w = *w_;
     EquilibriumReport report;
     const std::size_t stride = padded_lanes(lanes), dofs = 3 * system_.num_nodes(), all = dofs * stride;
@@ -126,7 +136,8 @@ EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const
         for (std::size_t l = lanes; l < stride; ++l) x[d * stride + l] = x[d * stride];
 
     if (settings_.plain_newton) {
-        for (std::size_t l = 0; l < lanes; ++l) report.lanes_converged += newton(actions, inertia, theta, x, l, stride, report);
+        for (std::size_t l = 0; l < lanes; ++l)
+            report.lanes_converged += newton(actions, inertia, theta, x, l, stride, report);
         return report;
     }
 
@@ -194,15 +205,16 @@ EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const
         for (std::size_t l = 0; l < stride; ++l) {
             w.step[l] = w.active[l] && w.slope[l] > 0.0 ? 1.0 : 0.0;
             w.accepted[l] = !w.active[l];
-            if (w.active[l] && !(w.slope[l] > 0.0)) w.pairs[l] = 0;  // not a descent direction: forget the history
+            if (w.active[l] && !(w.slope[l] > 0.0))
+                w.pairs[l] = 0;  // not a descent direction: forget the history
         }
         bool all_accepted = false;
         for (int backtrack = 0; backtrack <= kMaxBacktracks && !all_accepted; ++backtrack) {
             for (std::size_t d = 0; d < dofs; ++d)
                 for (std::size_t l = 0; l < stride; ++l)
                     w.trial[d * stride + l] = x[d * stride + l] - w.step[l] * w.direction[d * stride + l];
-            system_.gradient(actions, inertia, theta, w.trial.data(), w.trial_gradient.data(), w.trial_energy.data(),
-                             stride, lanes);
+            system_.gradient(actions, inertia, theta, w.trial.data(), w.trial_gradient.data(),
+                             w.trial_energy.data(), stride, lanes);
             lane_dot(w.trial_gradient, w.trial_gradient, dofs, stride, w.best_norm);
             all_accepted = true;
             for (std::size_t l = 0; l < lanes; ++l) {
@@ -210,7 +222,8 @@ EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const
                 const double new_norm = std::sqrt(w.best_norm[l]);
                 const double noise = kEnergyNoise * (std::abs(w.energy[l]) + w.step[l] * w.slope[l]);
                 const bool decrease = w.trial_energy[l] <= w.energy[l] - kArmijo * w.step[l] * w.slope[l];
-                const bool at_noise = w.trial_energy[l] <= w.energy[l] + 100.0 * noise && new_norm < w.norm[l];
+                const bool at_noise =
+                    w.trial_energy[l] <= w.energy[l] + 100.0 * noise && new_norm < w.norm[l];
                 if (std::isfinite(new_norm) && (decrease || at_noise))
                     w.accepted[l] = 1;
                 else if (backtrack == kMaxBacktracks)
@@ -267,8 +280,9 @@ EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const
     return report;
 }
 
-bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& inertia, const double* theta, double* x,
-                               std::size_t lane, std::size_t stride, EquilibriumReport& report) noexcept {
+bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& inertia, const double* theta,
+                               double* x, std::size_t lane, std::size_t stride,
+                               EquilibriumReport& report) noexcept {
     auto& w = *w_;
     const std::size_t dofs = 3 * system_.num_nodes();
     const std::size_t num_parameters = system_.parts().num_parameters;
@@ -278,9 +292,19 @@ bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& in
     for (std::size_t d = 0; d < dofs; ++d)
         for (std::size_t l = 0; l < kPackLanes; ++l) {
             alone[d * kPackLanes + l] = x[d * stride + lane];
-            if (inertia.target != nullptr) w.lane_target[d * kPackLanes + l] = inertia.target[d * stride + lane];
+            if (inertia.target != nullptr)
+                w.lane_target[d * kPackLanes + l] = inertia.target[d * stride + lane];
         }
     if (inertia.target != nullptr) lane_inertia.target = w.lane_target.data();
+    StiffnessDamping* damping = inertia.damping;
+    const double* batch_damping_target = damping != nullptr ? damping->target : nullptr;
+    if (damping != nullptr && damping->coefficient != 0.0) {
+        for (std::size_t d = 0; d < dofs; ++d)
+            for (std::size_t l = 0; l < kPackLanes; ++l)
+                w.lane_damping_target[d * kPackLanes + l] = batch_damping_target[d * stride + lane];
+        damping->target = w.lane_damping_target.data();
+        lane_inertia.damping_lane = lane;
+    }
     std::vector<double>& theta_pack = w.lane_theta;
     std::vector<double>& theta_one = w.scratch;  // first entries only
     for (std::size_t p = 0; p < num_parameters; ++p) {
@@ -289,13 +313,15 @@ bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& in
     }
     double volume = 0.0;
     for (const double v : system_.parts().body.points().front().volume) volume += v;
-    const double scale = std::max(actions.force_n.norm(), 1e-5 * system_.parts().body.material().mu() * std::cbrt(volume * volume));
+    const double scale = std::max(actions.force_n.norm(),
+                                  1e-5 * system_.parts().body.material().mu() * std::cbrt(volume * volume));
     const auto evaluate = [&](const std::vector<double>& at, double& energy) {
-        system_.gradient(actions, lane_inertia, theta_pack.data(), at.data(), w.lane_gradient.data(), w.lane_energy.data(),
-                         kPackLanes, 1);
+        system_.gradient(actions, lane_inertia, theta_pack.data(), at.data(), w.lane_gradient.data(),
+                         w.lane_energy.data(), kPackLanes, 1);
         energy = w.lane_energy[0];
         double sum = 0.0;
-        for (std::size_t d = 0; d < dofs; ++d) sum += w.lane_gradient[d * kPackLanes] * w.lane_gradient[d * kPackLanes];
+        for (std::size_t d = 0; d < dofs; ++d)
+            sum += w.lane_gradient[d * kPackLanes] * w.lane_gradient[d * kPackLanes];
         return std::sqrt(sum);
     };
     double energy = 0.0;
@@ -303,15 +329,17 @@ bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& in
     const auto& pattern = system_.pattern();
     const auto& start = pattern.column_start();
     int iteration = 0;
-    for (; iteration < settings_.max_newton_iterations && !(norm <= settings_.relative_residual * scale); ++iteration) {
+    for (; iteration < settings_.max_newton_iterations && !(norm <= settings_.relative_residual * scale);
+         ++iteration) {
         for (std::size_t d = 0; d < dofs; ++d) w.positions.data()[d] = alone[d * kPackLanes];
-        if (!system_.tangent(actions, inertia.coefficient, theta_one.data(), w.positions, w.values)) break;
+        if (!system_.tangent(actions, lane_inertia, 0, theta_one.data(), w.positions, w.values)) break;
         double mean = 0.0;
         const auto rows = static_cast<std::size_t>(pattern.num_rows());
         for (std::size_t j = 0; j < rows; ++j) mean += std::abs(w.values[static_cast<std::size_t>(start[j])]);
         mean /= static_cast<double>(std::max<std::size_t>(1, rows));
         bool definite = false;
-        for (double shift = 0.0; shift < mean && !definite; shift = shift == 0.0 ? 1e-6 * mean : 10.0 * shift) {
+        for (double shift = 0.0; shift < mean && !definite;
+             shift = shift == 0.0 ? 1e-6 * mean : 10.0 * shift) {
             if (shift > 0.0)
                 for (std::size_t j = 0; j < rows; ++j) w.values[static_cast<std::size_t>(start[j])] += shift;
             ++report.factorisations;
@@ -322,7 +350,8 @@ bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& in
         for (std::size_t i = 0; i < system_.num_nodes(); ++i)
             if (const auto row = pattern.free_index(static_cast<NodeIndex>(i)); row >= 0)
                 for (std::size_t a = 0; a < 3; ++a)
-                    rhs(3 * row + static_cast<Eigen::Index>(a), 0) = w.lane_gradient[(3 * i + a) * kPackLanes];
+                    rhs(3 * row + static_cast<Eigen::Index>(a), 0) =
+                        w.lane_gradient[(3 * i + a) * kPackLanes];
         double slope = rhs.col(0).squaredNorm();
         const Eigen::VectorXd g = rhs.col(0);
         w.own->solve(rhs);
@@ -335,10 +364,12 @@ bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& in
                 if (const auto row = pattern.free_index(static_cast<NodeIndex>(i)); row >= 0)
                     for (std::size_t a = 0; a < 3; ++a)
                         for (std::size_t l = 0; l < kPackLanes; ++l)
-                            w.lane_trial[(3 * i + a) * kPackLanes + l] -= step * rhs(3 * row + static_cast<Eigen::Index>(a), 0);
+                            w.lane_trial[(3 * i + a) * kPackLanes + l] -=
+                                step * rhs(3 * row + static_cast<Eigen::Index>(a), 0);
             double trial_energy = 0.0;
             const double trial_norm = evaluate(w.lane_trial, trial_energy);
-            const bool at_noise = trial_energy <= energy + 100.0 * kEnergyNoise * std::abs(energy) && trial_norm < norm;
+            const bool at_noise =
+                trial_energy <= energy + 100.0 * kEnergyNoise * std::abs(energy) && trial_norm < norm;
             if (std::isfinite(trial_norm) && (trial_energy <= energy - kArmijo * step * slope || at_noise)) {
                 alone.swap(w.lane_trial);
                 energy = trial_energy;
@@ -349,6 +380,7 @@ bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& in
         if (!accepted) break;
     }
     for (std::size_t d = 0; d < dofs; ++d) x[d * stride + lane] = alone[d * kPackLanes];
+    if (damping != nullptr) damping->target = batch_damping_target;
     report.iterations = std::max(report.iterations, iteration);
     report.relative_residual = std::max(report.relative_residual, norm / scale);
     return norm <= settings_.relative_residual * scale;

@@ -1,10 +1,12 @@
 // Equilibria of a batch of lanes: minimises Pi of every lane at once, ends on a residual criterion.
 //
 // Quasi-Newton (L-BFGS) per lane with one shared Cholesky factorisation of the tangent as initial metric:
-//     p_l = -H_l g_l,   H_l from the lane's last m pairs (dx, dg), H_0 = K^-1 shared by all lanes and by successive calls
-// All lanes go through the mesh together; the triangular solves take all lanes as right-hand sides. When iterations
-// grow, K is factorised again; a lane that still does not converge is finished by plain Newton with its own tangent.
-// Nocedal & Wright, Numerical Optimization, algorithms 7.4 and 3.1; Liu, Bouaziz, Kavan, ToG 36(3), 2017.
+//     p_l = -H_l g_l,   H_l from the lane's last m pairs (dx, dg), H_0 = K^-1 shared by all lanes and by
+//     successive calls
+// All lanes go through the mesh together; the triangular solves take all lanes as right-hand sides. When
+// iterations grow, K is factorised again; a lane that still does not converge is finished by plain Newton
+// with its own tangent. Nocedal & Wright, Numerical Optimization, algorithms 7.4 and 3.1; Liu, Bouaziz,
+// Kavan, ToG 36(3), 2017.
 #pragma once
 
 #include <memory>
@@ -17,17 +19,17 @@
 namespace teres {
 
 struct EquilibriumSettings {
-    double relative_residual = 1e-6;    ///< |g| <= relative_residual * force scale of the lane
-    int max_iterations = 60;            ///< of the quasi-Newton
-    int refactorise_after = 14;         ///< iterations in one call above which K is factorised anew
-    int max_newton_iterations = 30;     ///< of the plain Newton that finishes a lane
-    bool plain_newton = false;          ///< every lane alone, full Newton, direct solve (the reference path)
+    double relative_residual = 1e-6;  ///< |g| <= relative_residual * force scale of the lane
+    int max_iterations = 60;          ///< of the quasi-Newton
+    int refactorise_after = 14;       ///< iterations in one call above which K is factorised anew
+    int max_newton_iterations = 30;   ///< of the plain Newton that finishes a lane
+    bool plain_newton = false;        ///< every lane alone, full Newton, direct solve (the reference path)
 };
 
 struct EquilibriumReport {
     int lanes_converged = 0;
-    int iterations = 0;        ///< of the slowest lane
-    int newton_lanes = 0;      ///< lanes finished by plain Newton
+    int iterations = 0;    ///< of the slowest lane
+    int newton_lanes = 0;  ///< lanes finished by plain Newton
     int factorisations = 0;
     double relative_residual = 0.0;  ///< largest
 };
@@ -40,8 +42,8 @@ class EquilibriumSolver {
 
     /// [loop] x (batch layout, stride = padded_lanes(lanes)) holds start values and receives the equilibria;
     /// theta: parameter p of lane l at p * stride + l. A lane that does not converge keeps its best iterate.
-    EquilibriumReport solve(const ExternalActions& actions, const Inertia& inertia, const double* theta, double* x,
-                            std::size_t lanes) noexcept;
+    EquilibriumReport solve(const ExternalActions& actions, const Inertia& inertia, const double* theta,
+                            double* x, std::size_t lanes) noexcept;
 
     /// [loop] Forgets the shared factorisation (after a change of topology or material).
     void invalidate();
@@ -52,8 +54,8 @@ class EquilibriumSolver {
     EquilibriumSettings settings_;
     std::unique_ptr<Workspace> w_;
 
-    bool factorise_at(const ExternalActions&, const Inertia&, const double* theta, const double* x, std::size_t lane,
-                      std::size_t stride, EquilibriumReport&) noexcept;
+    bool factorise_at(const ExternalActions&, const Inertia&, const double* theta, const double* x,
+                      std::size_t lane, std::size_t stride, EquilibriumReport&) noexcept;
     bool newton(const ExternalActions&, const Inertia&, const double* theta, double* x, std::size_t lane,
                 std::size_t stride, EquilibriumReport&) noexcept;
     void apply_metric(std::size_t stride, std::size_t lanes) noexcept;

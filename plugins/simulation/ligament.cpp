@@ -29,7 +29,8 @@ double normal_quantile(double probability) {
 namespace {
 
 // Weighted k-means with farthest-point start: same input, same groups.
-std::vector<std::int32_t> cluster(const std::vector<Vector3d>& points, const std::vector<double>& weight, int k) {
+std::vector<std::int32_t> cluster(const std::vector<Vector3d>& points, const std::vector<double>& weight,
+                                  int k) {
     std::vector<Vector3d> centre;
     Vector3d mean = Vector3d::Zero();
     double total = 0.0;
@@ -39,9 +40,11 @@ std::vector<std::int32_t> cluster(const std::vector<Vector3d>& points, const std
     }
     mean /= total;
     std::vector<double> distance(points.size());
-    for (std::size_t i = 0; i < points.size(); ++i) distance[i] = (points[i] - mean).norm() * std::sqrt(weight[i]);
+    for (std::size_t i = 0; i < points.size(); ++i)
+        distance[i] = (points[i] - mean).norm() * std::sqrt(weight[i]);
     while (static_cast<int>(centre.size()) < k) {
-        const auto next = static_cast<std::size_t>(std::max_element(distance.begin(), distance.end()) - distance.begin());
+        const auto next =
+            static_cast<std::size_t>(std::max_element(distance.begin(), distance.end()) - distance.begin());
         if (!centre.empty() && distance[next] <= 0.0) break;  // fewer distinct places than groups
         centre.push_back(points[next]);
         for (std::size_t i = 0; i < points.size(); ++i) {
@@ -55,7 +58,8 @@ std::vector<std::int32_t> cluster(const std::vector<Vector3d>& points, const std
         for (std::size_t i = 0; i < points.size(); ++i) {
             std::int32_t best = 0;
             for (std::size_t c = 1; c < centre.size(); ++c)
-                if ((points[i] - centre[c]).squaredNorm() < (points[i] - centre[static_cast<std::size_t>(best)]).squaredNorm())
+                if ((points[i] - centre[c]).squaredNorm() <
+                    (points[i] - centre[static_cast<std::size_t>(best)]).squaredNorm())
                     best = static_cast<std::int32_t>(c);
             changed = changed || best != label[i];
             label[i] = best;
@@ -73,8 +77,8 @@ std::vector<std::int32_t> cluster(const std::vector<Vector3d>& points, const std
     return label;
 }
 
-// Tangential over normal stiffness of a band of width b and height h: shear and bending in series (Timoshenko) across the
-// width, shear alone along the strip; the mean of the two directions.
+// Tangential over normal stiffness of a band of width b and height h: shear and bending in series
+// (Timoshenko) across the width, shear alone along the strip; the mean of the two directions.
 double band_shear_ratio(const LigamentData& data) {
     const double shear_over_normal = 1.0 / (2.0 * (1.0 + data.poissons_ratio));  // G/E
     const double h = data.height_m;
@@ -87,8 +91,8 @@ double band_shear_ratio(const LigamentData& data) {
 
 }  // namespace
 
-Ligament make_ligament(const TetMesh& mesh, const std::vector<NodeProbability>& prior, const LigamentData& data,
-                       const LigamentSettings& settings) {
+Ligament make_ligament(const TetMesh& mesh, const std::vector<NodeProbability>& prior,
+                       const LigamentData& data, const LigamentSettings& settings) {
     Ligament ligament;
     std::vector<Vector3d> points;
     std::vector<double> weight;
@@ -101,8 +105,10 @@ Ligament make_ligament(const TetMesh& mesh, const std::vector<NodeProbability>& 
         weight.push_back(mesh.node_area[a] * entry.probability);
     }
     if (points.empty()) return ligament;
-    ligament.group = cluster(points, weight, std::min<int>(settings.num_groups, static_cast<int>(points.size())));
-    const auto num_groups = static_cast<std::size_t>(*std::max_element(ligament.group.begin(), ligament.group.end()) + 1);
+    ligament.group =
+        cluster(points, weight, std::min<int>(settings.num_groups, static_cast<int>(points.size())));
+    const auto num_groups =
+        static_cast<std::size_t>(*std::max_element(ligament.group.begin(), ligament.group.end()) + 1);
     ligament.groups.resize(num_groups);
     std::vector<double> group_weight(num_groups, 0.0);
     for (std::size_t i = 0; i < points.size(); ++i) {

@@ -1,10 +1,12 @@
 // The prior ligament region as groups of surface nodes that share one unknown stiffness.
 //
-// Nodes with atlas probability above `min_probability` are clustered by place (weighted k-means, deterministic). A group
-// g has one parameter theta_g [N/m], the stiffness of its patch of the band along the normal; fully attached it would be
+// Nodes with atlas probability above `min_probability` are clustered by place (weighted k-means,
+// deterministic). A group g has one parameter theta_g [N/m], the stiffness of its patch of the band along the
+// normal; fully attached it would be
 //     theta_full = E A_g / h,      A_g = sum of its nodes' areas, h the band's height.
-// theta_g is log-normal with ln-deviation s; the group counts as attached when theta_g > threshold = tau theta_full. Its
-// median is chosen such that the prior attachment probability is the group's atlas probability p_g:
+// theta_g is log-normal with ln-deviation s; the group counts as attached when theta_g > threshold = tau
+// theta_full. Its median is chosen such that the prior attachment probability is the group's atlas
+// probability p_g:
 //     P(theta_g > threshold) = p_g   =>   ln median = ln threshold + s Phi^-1(p_g).
 #pragma once
 
@@ -12,18 +14,18 @@
 #include <vector>
 
 #include "core/case/case.h"
-#include "plugins/simulation/tether.h"
 #include "plugins/simulation/tet_mesh.h"
+#include "plugins/simulation/tether.h"
 
 namespace teres {
 
 struct LigamentSettings {
     int num_groups = 8;
-    double min_probability = 0.02;    ///< atlas nodes below this are left out
-    double log_stdev = 1.2;           ///< s
-    double attached_share = 0.2;      ///< tau
-    double shear_ratio = 0.0;         ///< r of tether.h; 0: from the band's proportions
-    std::string model = "auto";       ///< auto (law of the case), band, cubic_springs
+    double min_probability = 0.02;  ///< atlas nodes below this are left out
+    double log_stdev = 1.2;         ///< s
+    double attached_share = 0.2;    ///< tau
+    double shear_ratio = 0.0;       ///< r of tether.h; 0: from the band's proportions
+    std::string model = "auto";     ///< auto (law of the case), band, cubic_springs
 };
 
 struct LigamentGroup {
@@ -38,13 +40,13 @@ struct LigamentGroup {
 struct Ligament {
     std::vector<LigamentGroup> groups;
     std::vector<Tether> tethers;
-    std::vector<NodeIndex> node;          ///< of the prior region
-    std::vector<std::int32_t> group;      ///< per node
-    std::vector<double> probability;      ///< atlas, per node
+    std::vector<NodeIndex> node;      ///< of the prior region
+    std::vector<std::int32_t> group;  ///< per node
+    std::vector<double> probability;  ///< atlas, per node
 };
 
-Ligament make_ligament(const TetMesh& mesh, const std::vector<NodeProbability>& prior, const LigamentData& data,
-                       const LigamentSettings& settings);
+Ligament make_ligament(const TetMesh& mesh, const std::vector<NodeProbability>& prior,
+                       const LigamentData& data, const LigamentSettings& settings);
 
 /// Quantile of the standard normal distribution (Acklam's rational approximation, one Newton step).
 double normal_quantile(double probability);

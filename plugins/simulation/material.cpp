@@ -19,7 +19,8 @@ struct PrincipalLaw {
 };
 
 void add_ogden_shear(const Vector3d& l, double G, double alpha, double weight, PrincipalLaw& out) {
-    // W = 2 G/alpha^2 (sum lb_i^alpha - 3); with y_i = ln l_i - (ln J)/3:  dW/d(ln l_i) = 2 G/alpha (e_i - mean e)
+    // W = 2 G/alpha^2 (sum lb_i^alpha - 3); with y_i = ln l_i - (ln J)/3:  dW/d(ln l_i) = 2 G/alpha (e_i -
+    // mean e)
     const Vector3d log_l = l.array().log();
     const double mean_log = log_l.mean();
     Vector3d e;
@@ -72,10 +73,13 @@ Result<Material> Material::make(const BodyData& body) {
     m.law_ = body.law;
     if (body.law == BodyLaw::kOgden) {
         if (!(body.shear_modulus_pa > 0.0))
-            return invalid_input("body.shear_modulus_pa = " + std::to_string(body.shear_modulus_pa) + " must be above 0");
+            return invalid_input("body.shear_modulus_pa = " + std::to_string(body.shear_modulus_pa) +
+                                 " must be above 0");
         if (!(body.bulk_modulus_pa > 0.0))
-            return invalid_input("body.bulk_modulus_pa = " + std::to_string(body.bulk_modulus_pa) + " must be above 0");
-        if (body.alpha == 0.0 || !std::isfinite(body.alpha)) return invalid_input("body.alpha must be finite and not 0");
+            return invalid_input("body.bulk_modulus_pa = " + std::to_string(body.bulk_modulus_pa) +
+                                 " must be above 0");
+        if (body.alpha == 0.0 || !std::isfinite(body.alpha))
+            return invalid_input("body.alpha must be finite and not 0");
         m.mu_ = body.shear_modulus_pa;
         m.lambda_ = body.bulk_modulus_pa;
         m.alpha_ = body.alpha;
@@ -83,9 +87,11 @@ Result<Material> Material::make(const BodyData& body) {
     }
     const double E = body.youngs_modulus_pa;
     const double nu = body.poissons_ratio;
-    if (!(E > 0.0)) return invalid_input("body.youngs_modulus_pa = " + std::to_string(E) + " must be above 0");
+    if (!(E > 0.0))
+        return invalid_input("body.youngs_modulus_pa = " + std::to_string(E) + " must be above 0");
     if (!(nu > -1.0 && nu < 0.5))
-        return invalid_input("body.poissons_ratio = " + std::to_string(nu) + " must lie between -1 and 0.5 (exclusive)");
+        return invalid_input("body.poissons_ratio = " + std::to_string(nu) +
+                             " must lie between -1 and 0.5 (exclusive)");
     m.mu_ = E / (2.0 * (1.0 + nu));
     m.lambda_ = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu));
     return m;
@@ -140,7 +146,8 @@ bool Material::tangent(const Matrix3d& F, PartWeights part, double& psi, Matrix3
                 for (int c = 0; c < 3; ++c)
                     for (int b = 0; b < 3; ++b)
                         for (int a = 0; a < 3; ++a) {
-                            double v = part.shear * mu_ * F(a, d) * F(c, b) + part.volume * lambda_ * F(a, b) * F(c, d);
+                            double v = part.shear * mu_ * F(a, d) * F(c, b) +
+                                       part.volume * lambda_ * F(a, b) * F(c, d);
                             if (b == d) v += part.shear * mu_ * FFt(a, c);
                             A(a + 3 * b, c + 3 * d) += v;
                         }
@@ -162,10 +169,13 @@ bool Material::tangent(const Matrix3d& F, PartWeights part, double& psi, Matrix3
             return true;
         }
         case BodyLaw::kOgden:
-        case BodyLaw::kCorotational: break;
+        case BodyLaw::kCorotational:
+            break;
     }
-    // Isotropic laws in principal stretches: S = sum_i s_i N_i N_i^T with s_i = (1/l_i) d psi/d l_i (Bonet & Wood 6.6).
-    const Matrix3d E2 = F.transpose() * F - Matrix3d::Identity();  // C - I, diagonalised for accuracy near rest
+    // Isotropic laws in principal stretches: S = sum_i s_i N_i N_i^T with s_i = (1/l_i) d psi/d l_i (Bonet &
+    // Wood 6.6).
+    const Matrix3d E2 =
+        F.transpose() * F - Matrix3d::Identity();  // C - I, diagonalised for accuracy near rest
     Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(E2);
     const Vector3d c = eigen.eigenvalues().array() + 1.0;
     if (!(c.minCoeff() > 1e-12) || F.determinant() <= 0.0) return false;
@@ -183,8 +193,8 @@ bool Material::tangent(const Matrix3d& F, PartWeights part, double& psi, Matrix3
     const Matrix3d S = N * s.asDiagonal() * N.transpose();
     P.noalias() = F * S;
 
-    // Material tangent in principal axes: dS_ii/dE_jj = (1/l_j) d s_i/d l_j, dS_ij/dE_ij pair = (s_j - s_i)/(c_j - c_i)
-    // (times 2 for the symmetric pair); equal stretches take the limit.
+    // Material tangent in principal axes: dS_ii/dE_jj = (1/l_j) d s_i/d l_j, dS_ij/dE_ij pair = (s_j -
+    // s_i)/(c_j - c_i) (times 2 for the symmetric pair); equal stretches take the limit.
     Matrix3d H;
     for (int i = 0; i < 3; ++i)
         for (int j = 0; j < 3; ++j)
@@ -197,7 +207,8 @@ bool Material::tangent(const Matrix3d& F, PartWeights part, double& psi, Matrix3
             for (int b = 0; b < 3; ++b)
                 for (int a = 0; a < 3; ++a)
                     for (int d = 0; d < 3; ++d)
-                        for (int e = 0; e < 3; ++e) A(a + 3 * b, e + 3 * d) += H(i, j) * f(a, i) * N(b, i) * f(e, j) * N(d, j);
+                        for (int e = 0; e < 3; ++e)
+                            A(a + 3 * b, e + 3 * d) += H(i, j) * f(a, i) * N(b, i) * f(e, j) * N(d, j);
             if (j <= i) continue;
             const double gap = c(j) - c(i);
             const double m = std::abs(gap) > 1e-7 ? 2.0 * (s(j) - s(i)) / gap

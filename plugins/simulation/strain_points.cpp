@@ -69,13 +69,15 @@ StrainPoints quadratic_points(const TetMesh& mesh) {
             std::vector<std::pair<NodeIndex, Vector3d>> entries;
             const auto& g = mesh.gradient[e];
             for (int i = 0; i < 4; ++i)  // N_i = L_i (2 L_i - 1)
-                entries.emplace_back(quadratic.tets[e][static_cast<std::size_t>(i)], (4.0 * L(i) - 1.0) * g.col(i));
+                entries.emplace_back(quadratic.tets[e][static_cast<std::size_t>(i)],
+                                     (4.0 * L(i) - 1.0) * g.col(i));
             for (int k = 0; k < 6; ++k) {  // N_ij = 4 L_i L_j
                 const int i = kEdges[k][0], j = kEdges[k][1];
                 entries.emplace_back(quadratic.tets[e][static_cast<std::size_t>(4 + k)],
                                      4.0 * (L(i) * g.col(j) + L(j) * g.col(i)));
             }
-            std::sort(entries.begin(), entries.end(), [](const auto& l, const auto& r) { return l.first < r.first; });
+            std::sort(entries.begin(), entries.end(),
+                      [](const auto& l, const auto& r) { return l.first < r.first; });
             for (const auto& [node, gradient] : entries) append_entry(points, node, gradient);
             close_point(points, mesh.volume[e] / 4.0);
         }
@@ -92,9 +94,11 @@ QuadraticMesh make_quadratic(const TetMesh& mesh) {
     for (const auto& t : mesh.tets) {
         std::array<NodeIndex, 10> q{t[0], t[1], t[2], t[3]};
         for (std::size_t k = 0; k < 6; ++k) {
-            std::array<NodeIndex, 2> edge{t[static_cast<std::size_t>(kEdges[k][0])], t[static_cast<std::size_t>(kEdges[k][1])]};
+            std::array<NodeIndex, 2> edge{t[static_cast<std::size_t>(kEdges[k][0])],
+                                          t[static_cast<std::size_t>(kEdges[k][1])]};
             std::sort(edge.begin(), edge.end());
-            const auto [entry, added] = mid.try_emplace(edge, corners + static_cast<NodeIndex>(out.edge.size()));
+            const auto [entry, added] =
+                mid.try_emplace(edge, corners + static_cast<NodeIndex>(out.edge.size()));
             if (added) out.edge.push_back(edge);
             q[4 + k] = entry->second;
         }
@@ -103,17 +107,21 @@ QuadraticMesh make_quadratic(const TetMesh& mesh) {
     out.X.resize(3, corners + static_cast<Eigen::Index>(out.edge.size()));
     out.X.leftCols(corners) = mesh.X;
     for (std::size_t i = 0; i < out.edge.size(); ++i)
-        out.X.col(corners + static_cast<Eigen::Index>(i)) = 0.5 * (mesh.X.col(out.edge[i][0]) + mesh.X.col(out.edge[i][1]));
+        out.X.col(corners + static_cast<Eigen::Index>(i)) =
+            0.5 * (mesh.X.col(out.edge[i][0]) + mesh.X.col(out.edge[i][1]));
     return out;
 }
 
 std::vector<StrainPoints> make_strain_points(const TetMesh& mesh, ElementType type, double shear_blend) {
     switch (type) {
-        case ElementType::kLinear: return {element_points(mesh, {1.0, 1.0})};
-        case ElementType::kNodalVolume: return {element_points(mesh, {1.0, 0.0}), nodal_points(mesh, {0.0, 1.0})};
+        case ElementType::kLinear:
+            return {element_points(mesh, {1.0, 1.0})};
+        case ElementType::kNodalVolume:
+            return {element_points(mesh, {1.0, 0.0}), nodal_points(mesh, {0.0, 1.0})};
         case ElementType::kNodalBlend:
             return {element_points(mesh, {shear_blend, 0.0}), nodal_points(mesh, {1.0 - shear_blend, 1.0})};
-        case ElementType::kQuadratic: return {quadratic_points(mesh)};
+        case ElementType::kQuadratic:
+            return {quadratic_points(mesh)};
     }
     return {};
 }

@@ -1,13 +1,14 @@
-// Where the strain energy is evaluated: points with a deformation gradient F = sum_i x_i (dN_i/dX)^T over a few nodes.
+// Where the strain energy is evaluated: points with a deformation gradient F = sum_i x_i (dN_i/dX)^T over a
+// few nodes.
 //
 //   element points    one per linear tetrahedron (plain linear elements: they lock when nu -> 0.5)
 //   nodal points      one per node; F is the volume average over the adjacent tetrahedra
 //   quadratic points  four Gauss points per 10-node tetrahedron (reference; mid-edge nodes are added)
 //
-// Remedy against volumetric locking: the volume part of the energy lives on nodal points, the shear part is shared
-// between element points (weight beta) and nodal points (1 - beta). A homogeneous F is reproduced exactly by both, so
-// the patch test holds for every beta. Bonet & Burton 1998 (averaged nodal pressure); Dohrmann et al. 2000 (nodal strain);
-// Gee, Dohrmann, Key, Wall 2009 (stabilised uniform nodal strain).
+// Remedy against volumetric locking: the volume part of the energy lives on nodal points, the shear part is
+// shared between element points (weight beta) and nodal points (1 - beta). A homogeneous F is reproduced
+// exactly by both, so the patch test holds for every beta. Bonet & Burton 1998 (averaged nodal pressure);
+// Dohrmann et al. 2000 (nodal strain); Gee, Dohrmann, Key, Wall 2009 (stabilised uniform nodal strain).
 #pragma once
 
 #include <cstdint>
@@ -19,27 +20,28 @@
 namespace teres {
 
 struct StrainPoints {
-    PartWeights part;                   ///< share of the energy that these points carry
-    std::vector<std::int32_t> offset;   ///< num_points + 1
-    std::vector<NodeIndex> node;        ///< nodes of each point, ascending
-    std::vector<double> gradient;       ///< dN/dX, 3 per node entry [1/m]
-    std::vector<double> volume;         ///< reference volume [m^3]
+    PartWeights part;                     ///< share of the energy that these points carry
+    std::vector<std::int32_t> offset;     ///< num_points + 1
+    std::vector<NodeIndex> node;          ///< nodes of each point, ascending
+    std::vector<double> gradient;         ///< dN/dX, 3 per node entry [1/m]
+    std::vector<double> volume;           ///< reference volume [m^3]
     std::vector<double> stiffness_scale;  ///< multiplies the energy density; 1 is the nominal body
 
     std::size_t size() const { return volume.size(); }
 };
 
 enum class ElementType {
-    kLinear,          ///< plain linear tetrahedra
-    kNodalVolume,     ///< volume part on nodal points, shear part on elements
-    kNodalBlend,      ///< volume part on nodal points, shear part shared
-    kQuadratic,       ///< 10-node tetrahedra
+    kLinear,       ///< plain linear tetrahedra
+    kNodalVolume,  ///< volume part on nodal points, shear part on elements
+    kNodalBlend,   ///< volume part on nodal points, shear part shared
+    kQuadratic,    ///< 10-node tetrahedra
 };
 
 /// All strain points of a body.
 std::vector<StrainPoints> make_strain_points(const TetMesh& mesh, ElementType type, double shear_blend);
 
-/// Linear tetrahedra made quadratic: straight edges, one new node in the middle of each edge (after the corner nodes).
+/// Linear tetrahedra made quadratic: straight edges, one new node in the middle of each edge (after the
+/// corner nodes).
 struct QuadraticMesh {
     Positions X;
     std::vector<std::array<NodeIndex, 10>> tets;

@@ -16,8 +16,8 @@ MechanicalSystem::MechanicalSystem(Parts parts) : parts_(std::move(parts)) {
     parts_.body.bind(pattern_);
 }
 
-void MechanicalSystem::resolve(std::span<const double> region_force_n, std::span<const double> tool_position_m,
-                               ExternalActions& out) const {
+void MechanicalSystem::resolve(std::span<const double> region_force_n,
+                               std::span<const double> tool_position_m, ExternalActions& out) const {
     out.force_n.setZero(static_cast<Eigen::Index>(3 * num_nodes()));
     for (std::size_t i = 0; i < num_nodes(); ++i)  // m g
         out.force_n.segment<3>(static_cast<Eigen::Index>(3 * i)) =
@@ -44,7 +44,8 @@ void MechanicalSystem::gradient(const ExternalActions& actions, const Inertia& i
         const double c = inertia.coefficient * parts_.node_mass_kg(static_cast<Eigen::Index>(d / 3));
         const double X = parts_.X.data()[d];
         for (std::size_t l = 0; l < stride; ++l) {
-            const double u = x[d * stride + l] - X;  // work of the load from rest: small numbers keep their digits
+            const double u =
+                x[d * stride + l] - X;  // work of the load from rest: small numbers keep their digits
             gradient[d * stride + l] = -f;
             energy[l] -= f * u;
             if (c != 0.0) {
@@ -69,12 +70,40 @@ void MechanicalSystem::gradient(const ExternalActions& actions, const Inertia& i
             }
         }
     }
+    if (inertia.damping != nullptr && inertia.damping->coefficient != 0.0)
+        add_damping(inertia, x, gradient, energy, stride, lanes);
     for (std::size_t i = 0; i < num_nodes(); ++i)
         if (parts_.held[i]) std::fill(gradient + 3 * i * stride, gradient + 3 * (i + 1) * stride, 0.0);
 }
 
-bool MechanicalSystem::tangent(const ExternalActions& actions, double inertia_coefficient, const double* theta,
-                               const Positions& x, std::vector<double>& values) const noexcept {
+void MechanicalSystem::add_damping(const Inertia& inertia, const double* x, double* gradient, double* energy,
+                                   std::size_t stride, std::size_t lanes) const noexcept {
+    auto& damping = *inertia.damping;
+    const double c = damping.coefficient;
+    for (std::size_t l = 0; l < lanes; ++l) {
+        for (std::size_t i = 0; i < num_nodes(); ++i)
+            if (const auto row = pattern_.free_index(static_cast<NodeIndex>(i)); row >= 0)
+                for (std::size_t a = 0; a < 3; ++a) {
+                    const std::size_t d = (3 * i + a) * stride + l;
+                    damping.difference[static_cast<std::size_t>(3 * row) + a] = x[d] - damping.target[d];
+                }
+        std::fill(damping.product.begin(), damping.product.end(), 0.0);
+        pattern_.multiply(damping.values[inertia.damping_lane + l], damping.difference.data(),
+                          damping.product.data());
+        for (std::size_t i = 0; i < num_nodes(); ++i)
+            if (const auto row = pattern_.free_index(static_cast<NodeIndex>(i)); row >= 0)
+                for (std::size_t a = 0; a < 3; ++a) {
+                    const std::size_t r = static_cast<std::size_t>(3 * row) + a;
+                    gradient[(3 * i + a) * stride + l] += c * damping.product[r];
+                    energy[l] += 0.5 * c * damping.product[r] * damping.difference[r];
+                }
+    }
+}
+
+bool MechanicalSystem::tangent(const ExternalActions& actions, const Inertia& inertia, std::size_t lane,
+                               const double* theta, const Positions& x,
+                               std::vector<double>& values) const noexcept {
+    const double inertia_coefficient = inertia.coefficient;
     values.assign(pattern_.num_values(), 0.0);
     if (!parts_.body.add_tangent(x, pattern_, values)) return false;
     add_tether_tangent(parts_.tethers, theta, x, pattern_, values);
@@ -89,9 +118,14 @@ bool MechanicalSystem::tangent(const ExternalActions& actions, double inertia_co
             if (!parts_.held[i]) {
                 const auto node = static_cast<NodeIndex>(i);
                 pattern_.add(node, node, pattern_.block(node, node),
-                             inertia_coefficient * parts_.node_mass_kg(static_cast<Eigen::Index>(i)) * Matrix3d::Identity(),
+                             inertia_coefficient * parts_.node_mass_kg(static_cast<Eigen::Index>(i)) *
+                                 Matrix3d::Identity(),
                              values);
             }
+    if (inertia.damping != nullptr && inertia.damping->coefficient != 0.0) {
+        const auto& K = inertia.damping->values[inertia.damping_lane + lane];
+        for (std::size_t k = 0; k < values.size(); ++k) values[k] += inertia.damping->coefficient * K[k];
+    }
     return true;
 }
 

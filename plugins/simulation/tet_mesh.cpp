@@ -33,7 +33,8 @@ std::vector<std::array<NodeIndex, 3>> boundary_triangles(const std::vector<std::
     return surface;
 }
 
-// Closest point of triangle abc to p in barycentric coordinates (Ericson, Real-Time Collision Detection, 5.1.5).
+// Closest point of triangle abc to p in barycentric coordinates (Ericson, Real-Time Collision
+// Detection, 5.1.5).
 Vector3d closest_barycentric(const Vector3d& p, const Vector3d& a, const Vector3d& b, const Vector3d& c) {
     const Vector3d ab = b - a, ac = c - a, ap = p - a;
     const double d1 = ab.dot(ap), d2 = ac.dot(ap);
@@ -70,7 +71,8 @@ Result<TetMesh> TetMesh::make(const TetMeshData& data) {
     for (std::size_t e = 0; e < mesh.tets.size(); ++e) {
         const auto& t = mesh.tets[e];
         Matrix3d D;
-        D << mesh.X.col(t[1]) - mesh.X.col(t[0]), mesh.X.col(t[2]) - mesh.X.col(t[0]), mesh.X.col(t[3]) - mesh.X.col(t[0]);
+        D << mesh.X.col(t[1]) - mesh.X.col(t[0]), mesh.X.col(t[2]) - mesh.X.col(t[0]),
+            mesh.X.col(t[3]) - mesh.X.col(t[0]);
         const double volume = D.determinant() / 6.0;
         const double edge = D.colwise().norm().maxCoeff();
         if (!(volume > 1e-9 * edge * edge * edge))
@@ -88,7 +90,8 @@ Result<TetMesh> TetMesh::make(const TetMeshData& data) {
     mesh.node_normal.setZero(3, num_nodes);
     mesh.node_area.assign(data.nodes.size(), 0.0);
     for (const auto& f : mesh.surface) {
-        const Vector3d n = 0.5 * (mesh.X.col(f[1]) - mesh.X.col(f[0])).cross(mesh.X.col(f[2]) - mesh.X.col(f[0]));
+        const Vector3d n =
+            0.5 * (mesh.X.col(f[1]) - mesh.X.col(f[0])).cross(mesh.X.col(f[2]) - mesh.X.col(f[0]));
         for (const auto node : f) {
             mesh.node_normal.col(node) += n;
             mesh.node_area[static_cast<std::size_t>(node)] += n.norm() / 3.0;

@@ -1,9 +1,12 @@
-// What ties nodes of the body to its surroundings: ligament bands, springs to anchors, tools. Each acts on one node.
+// What ties nodes of the body to its surroundings: ligament bands, springs to anchors, tools. Each acts on
+// one node.
 //
-//   band      a patch of a solid band of height h glued to the surface, far edge fixed (small strain of the band):
-//             psi = theta w/2 [ (u.n)^2 + r (|u|^2 - (u.n)^2) ],  u = x - X, n the outward normal           [J]
+//   band      a patch of a solid band of height h glued to the surface, far edge fixed (small strain of the
+//   band):
+//             psi = theta w/2 [ (u.n)^2 + r (|u|^2 - (u.n)^2) ],  u = x - X, n the outward normal [J]
 //
-// theta is the parameter of the tether's group (N/m for bands, a factor for springs), w the tether's share of it.
+// theta is the parameter of the tether's group (N/m for bands, a factor for springs), w the tether's share of
+// it.
 #pragma once
 
 #include <Eigen/Core>
@@ -16,9 +19,9 @@
 namespace teres {
 
 struct BandPatch {
-    Eigen::Vector3d rest;        ///< X [m]
-    Eigen::Vector3d normal;      ///< n
-    double shear_ratio = 0.3;    ///< r: tangential over normal stiffness
+    Eigen::Vector3d rest;      ///< X [m]
+    Eigen::Vector3d normal;    ///< n
+    double shear_ratio = 0.3;  ///< r: tangential over normal stiffness
 };
 
 struct Tether {
@@ -31,8 +34,8 @@ struct Tether {
 };
 
 /// Adds energy and gradient of all tethers for every lane; theta: parameter p of lane l at p * stride + l.
-void add_tether_gradient(const std::vector<Tether>& tethers, const double* theta, const double* x, double* gradient,
-                         double* energy, std::size_t stride, std::size_t lanes) noexcept;
+void add_tether_gradient(const std::vector<Tether>& tethers, const double* theta, const double* x,
+                         double* gradient, double* energy, std::size_t stride, std::size_t lanes) noexcept;
 
 /// Adds the tangent of one state; theta: one value per parameter.
 void add_tether_tangent(const std::vector<Tether>& tethers, const double* theta, const Positions& x,

@@ -1,0 +1,87 @@
+// The forward model of a case: liver of the case folder, ligament groups as unknowns, markers and points as
+// outputs. Offers teres.forward_model/1. State: positions [m] (quasi-static), then velocities [m/s], then
+// accelerations [m/s^2] (implicit Euler: 6N rows; generalised alpha: 9N rows).
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/case/case.h"
+#include "core/extensions/forward_model.h"
+#include "core/result.h"
+#include "plugins/simulation/equilibrium.h"
+#include "plugins/simulation/ligament.h"
+#include "plugins/simulation/time_step.h"
+
+namespace teres {
+
+struct CaseModelSettings {
+    ElementType element = ElementType::kNodalBlend;
+    double shear_blend = 0.5;
+    std::string law = "case";            ///< case, stvk, corotational, neo_hookean, ogden
+    std::string boundary = "estimated";  ///< estimated, atlas_fixed, known
+    double fixed_probability = 0.5;      ///< atlas_fixed holds nodes at or above this probability
+    LigamentSettings ligament;
+    EquilibriumSettings equilibrium;
+    std::string integrator = "auto";  ///< auto (of the case), quasi_static, implicit_euler, generalised_alpha
+    double spectral_radius = 0.9;     ///< of generalised alpha at infinite frequency
+    int max_lanes = 40;
+};
+
+class CaseModel final : public ForwardModel {
+  public:
+    /// Errors (kInvalidInput): material out of range, nothing holds the body (no clamp, ligament, spring or
+    /// tool).
+    static Result<std::unique_ptr<CaseModel>> make(const Case& c, const CaseModelSettings& settings);
+
+    std::size_t num_nodes() const override { return system_->num_nodes(); }
+    std::size_t num_state() const override;
+    std::size_t num_parameters() const override { return parameters_.size(); }
+    ForwardParameter parameter(std::size_t index) const override;
+    std::size_t num_attachment_nodes() const override { return attachment_.size(); }
+    AttachmentNode attachment_node(std::size_t index) const override { return attachment_[index]; }
+    std::size_t num_regions() const override { return region_names_.size(); }
+    const char* region_name(std::size_t index) const override { return region_names_[index].c_str(); }
+    std::size_t num_tools() const override { return tool_names_.size(); }
+    const char* tool_name(std::size_t index) const override { return tool_names_[index].c_str(); }
+    std::size_t num_markers() const override { return markers_.size(); }
+    std::int32_t marker_id(std::size_t index) const override { return marker_ids_[index]; }
+    std::size_t num_points() const override { return points_.size(); }
+    std::int32_t point_id(std::size_t index) const override { return point_ids_[index]; }
+    void rest_state(std::span<double> x) const override;
+    ForwardReport advance(const ForwardInputs& inputs, std::span<const double> theta, std::span<double> X,
+                          std::size_t lanes) noexcept override;
+    void observe(std::span<const double> X, std::span<double> Z, std::size_t lanes) const noexcept override;
+    void predict_points(std::span<const double> x, std::span<double> out) const noexcept override;
+
+    const TetMesh& mesh() const { return mesh_; }
+    const MechanicalSystem& system() const { return *system_; }
+    const Ligament& ligament() const { return ligament_; }
+    TimeScheme scheme() const { return scheme_; }
+
+  private:
+    struct Parameter {
+        std::string name, unit;
+        double prior_median = 1.0, prior_log_stdev = 0.0, lower = 0.0, upper = 0.0, threshold = 0.0;
+    };
+    CaseModel() = default;
+
+    TetMesh mesh_;
+    Ligament ligament_;
+    std::unique_ptr<MechanicalSystem> system_;
+    std::unique_ptr<EquilibriumSolver> solver_;
+    std::unique_ptr<TimeStepper> stepper_;
+    TimeScheme scheme_ = TimeScheme::kQuasiStatic;
+    std::size_t max_lanes_ = 1;
+    std::vector<Parameter> parameters_;
+    std::vector<AttachmentNode> attachment_;
+    std::vector<std::string> region_names_, tool_names_;
+    std::vector<SurfaceRider> markers_;
+    std::vector<std::int32_t> marker_ids_, point_ids_;
+    std::vector<Embedding> points_;
+    ExternalActions actions_;
+    std::vector<double> x_, theta_;  // batch layout
+};
+
+}  // namespace teres

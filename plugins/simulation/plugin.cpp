@@ -1,0 +1,43 @@
+// Unit `simulation`: reads the case, offers teres.forward_model/1. It has no messages of its own; whoever
+// estimates or simulates calls the interface and publishes.
+#include "core/plugin_sdk.h"
+
+#include "core/case/case_reader.h"
+#include "plugins/simulation/case_model.h"
+#include "plugins/simulation/settings.h"
+
+namespace teres {
+
+class SimulationPlugin final : public Unit {
+  public:
+    using Settings = SimulationSettings;
+    Settings settings;
+
+    explicit SimulationPlugin(Host host) : host_(std::move(host)) {}
+
+    Status configure() override {
+        if (settings.case_folder.empty())
+            return invalid_input("simulation.case (or service.case) names no case folder");
+        CaseReadOptions options;
+        options.observations = false;
+        TERES_TRY_ASSIGN(const Case c, read_case(settings.case_folder, options));
+        TERES_TRY_ASSIGN(model_, CaseModel::make(c, settings.model_settings()));
+        host_.log(TERES_LOG_INFO, "simulation",
+                  c.name + ": " + std::to_string(c.mesh.tets.size()) + " tetrahedra, " +
+                      std::to_string(c.mesh.nodes.size()) + " nodes, " +
+                      std::to_string(model_->num_parameters()) + " unknowns");
+        return {};
+    }
+    teres_step_outcome step(std::int64_t) noexcept override { return TERES_STEP_IDLE; }
+    void* extension(std::string_view id) override {
+        return id == ForwardModel::kId && model_ ? static_cast<ForwardModel*>(model_.get()) : nullptr;
+    }
+
+  private:
+    Host host_;
+    std::unique_ptr<CaseModel> model_;
+};
+
+}  // namespace teres
+
+TERES_PLUGIN(teres::SimulationPlugin, "simulation", "tetrahedral liver held by ligaments", TERES_UNIT_PLUGIN)

@@ -1,0 +1,94 @@
+// Settings of the unit `simulation`: default, unit, range and help of each, in one place.
+#pragma once
+
+#include <string>
+
+#include "core/plugin_sdk.h"
+#include "plugins/simulation/case_model.h"
+
+namespace teres {
+
+struct SimulationSettings {
+    std::string case_folder;
+    std::string law = "case";
+    std::string element = "nodal_blend";
+    double shear_blend = 0.5;
+    std::string boundary = "estimated";
+    double fixed_probability = 0.5;
+    std::string ligament_model = "auto";
+    int num_groups = 8;
+    double min_probability = 0.02;
+    double ligament_log_stdev = 1.2;
+    double attached_share = 0.2;
+    double band_shear_ratio = 0.0;
+    std::string integrator = "auto";
+    double spectral_radius = 0.9;
+    double relative_residual = 1e-6;
+    int max_iterations = 60;
+    int refactorise_after = 14;
+    bool plain_newton = false;
+    int max_lanes = 40;
+
+    template <class V>
+    void visit(V& field) {
+        field("case", case_folder, "", "case folder (teres-case-1); empty: that of [service]");
+        field("law", law, "case|stvk|corotational|neo_hookean|ogden",
+              "material of the body; `case` takes the one that case.json names");
+        field("element", element, "nodal_blend|nodal_volume|linear|quadratic",
+              "nodal_blend: linear tetrahedra with nodal strain averaging (does not lock); linear: plain "
+              "(locks); quadratic: 10-node");
+        field("shear_blend", shear_blend, {0.0, 1.0},
+              "nodal_blend: share of the shear energy on elements, the rest on nodes");
+        field("boundary", boundary, "estimated|atlas_fixed",
+              "ligament groups as unknowns, or the atlas region held fixed");
+        field("fixed_probability", fixed_probability, {0.0, 1.0},
+              "atlas_fixed: nodes at or above this probability are held");
+        field("ligament_model", ligament_model, "auto|band|cubic_springs",
+              "auto follows ligament.law of the case: neo_hookean is a band, cubic_spring tension-only "
+              "springs");
+        field("num_groups", num_groups, {1, 64}, "ligament regions that share a stiffness (unknowns)");
+        field("min_probability", min_probability, {0.0, 1.0}, "atlas nodes below this are left out");
+        field("ligament_log_stdev", ligament_log_stdev, {0.05, 5.0},
+              "prior standard deviation of ln(stiffness)");
+        field("attached_share", attached_share, {0.001, 1.0},
+              "a group counts as attached above this share of the full stiffness");
+        field("band_shear_ratio", band_shear_ratio, {0.0, 2.0},
+              "tangential over normal stiffness of a band; 0: from its proportions");
+        field("integrator", integrator, "auto|quasi_static|implicit_euler|generalised_alpha",
+              "auto: as case.json says");
+        field("spectral_radius", spectral_radius, {0.0, 1.0},
+              "generalised alpha: 1 no numerical damping, 0 strongest");
+        field("relative_residual", relative_residual, {1e-12, 1e-2},
+              "a step ends when |residual| <= this * |applied force|");
+        field("max_iterations", max_iterations, {1, 1000},
+              "quasi-Newton iterations before plain Newton takes over");
+        field("refactorise_after", refactorise_after, {1, 1000},
+              "iterations in one step above which the tangent is factorised anew");
+        field("plain_newton", plain_newton, "every lane alone with full Newton: slow reference path");
+        field("max_lanes", max_lanes, {1, 128}, "largest batch (sigma points) that workspaces are made for");
+    }
+
+    CaseModelSettings model_settings() const {
+        CaseModelSettings m;
+        m.element = element == "linear"         ? ElementType::kLinear
+                    : element == "nodal_volume" ? ElementType::kNodalVolume
+                    : element == "quadratic"    ? ElementType::kQuadratic
+                                                : ElementType::kNodalBlend;
+        m.shear_blend = shear_blend;
+        m.law = law;
+        m.boundary = boundary;
+        m.fixed_probability = fixed_probability;
+        m.ligament = {num_groups,     min_probability,  ligament_log_stdev,
+                      attached_share, band_shear_ratio, ligament_model};
+        m.equilibrium.relative_residual = relative_residual;
+        m.equilibrium.max_iterations = max_iterations;
+        m.equilibrium.refactorise_after = refactorise_after;
+        m.equilibrium.plain_newton = plain_newton;
+        m.integrator = integrator;
+        m.spectral_radius = spectral_radius;
+        m.max_lanes = max_lanes;
+        return m;
+    }
+};
+
+}  // namespace teres

@@ -1,0 +1,59 @@
+// One implicit step of the batch: the incremental potential of the step, minimised by the equilibrium solver.
+//
+//   M a + (rM M + rK K) v + f_int(x) = f(t),      a, v of the scheme as affine functions of the new x
+//
+//   implicit Euler       v' = (x' - x)/h, a' = (v' - v)/h                       first order, damps strongly
+//   generalised alpha    Chung & Hulbert 1993, spectral radius rho at infinity    second order, low
+//   dissipation
+//       alpha_m = (2 rho - 1)/(rho + 1), alpha_f = rho/(rho + 1), gamma = 1/2 - alpha_m + alpha_f,
+//       beta = (1 - alpha_m + alpha_f)^2/4; unknown y = (1 - alpha_f) x' + alpha_f x
+//
+// K of the damping is the tangent at the start of the step (per lane), so that a rigid rotation is not
+// damped.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "plugins/simulation/equilibrium.h"
+#include "plugins/simulation/system.h"
+
+namespace teres {
+
+enum class TimeScheme { kQuasiStatic, kImplicitEuler, kGeneralisedAlpha };
+
+struct TimeStepSettings {
+    TimeScheme scheme = TimeScheme::kGeneralisedAlpha;
+    double spectral_radius = 0.9;
+    double rayleigh_mass_1_s = 0.0;
+    double rayleigh_stiffness_s = 0.0;
+};
+
+/// Blocks of state rows: positions, velocities (dynamic), accelerations (generalised alpha).
+std::size_t state_blocks(TimeScheme scheme);
+
+class TimeStepper {
+  public:
+    /// [setup]
+    TimeStepper(const MechanicalSystem& system, EquilibriumSolver& solver, TimeStepSettings settings,
+                std::size_t max_lanes);
+
+    /// [loop] state: batch layout, state_blocks * 3N rows; advanced by dt_s under the actions at the end of
+    /// the step.
+    EquilibriumReport step(const ExternalActions& actions, double dt_s, const double* theta, double* state,
+                           std::size_t lanes) noexcept;
+
+  private:
+    const MechanicalSystem& system_;
+    EquilibriumSolver& solver_;
+    TimeStepSettings settings_;
+    double last_dt_s_ = 0.0;
+    ExternalActions at_alpha_;
+    Eigen::VectorXd last_force_n_;
+    std::vector<double> target_, y_, velocity_target_;
+    StiffnessDamping damping_;
+    Positions positions_;
+    std::vector<double> theta_one_;
+};
+
+}  // namespace teres
