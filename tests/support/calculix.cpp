@@ -1,0 +1,298 @@
+#include "tests/support/calculix.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <iterator>
+#include <sstream>
+#include <utility>
+
+namespace teres::test {
+namespace {
+
+using Edge = std::pair<std::int32_t, std::int32_t>;
+
+// Order of the mid-edge nodes of C3D10.
+constexpr std::array<std::array<int, 2>, 6> kEdges{{{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}}};
+
+Edge edge(std::int32_t a, std::int32_t b) {
+    return {std::min(a, b), std::max(a, b)};
+}
+
+std::map<Edge, std::int32_t> mid_edge_nodes(const CalculixProblem& problem) {
+    std::map<Edge, std::int32_t> mid;
+    for (const auto& tet : problem.tets) {
+        for (const auto& [i, j] : kEdges) mid.try_emplace(edge(tet[i], tet[j]), 0);
+    }
+    auto next = static_cast<std::int32_t>(problem.nodes.size());
+    for (auto& [ends, id] : mid) id = next++;
+    return mid;
+}
+
+std::string number(double value) {
+    char text[32];
+    std::snprintf(text, sizeof text, "%.12g", value);
+    return text;
+}
+
+Status check(const CalculixProblem& problem) {
+    const auto num_nodes = static_cast<std::int32_t>(problem.nodes.size());
+    const auto in_range = [&](std::int32_t id) { return id >= 0 && id < num_nodes; };
+    for (std::size_t e = 0; e < problem.tets.size(); ++e) {
+        if (!std::all_of(problem.tets[e].begin(), problem.tets[e].end(), in_range)) {
+            return invalid_input("tetrahedron " + std::to_string(e) + ": node id outside [0, " +
+                                 std::to_string(num_nodes) + ")");
+        }
+    }
+    if (problem.tets.empty()) return invalid_input("no tetrahedra");
+    if (problem.clamped.empty() && problem.rollers.empty()) {
+        return invalid_input("no node is held: the static problem has no unique solution");
+    }
+    for (const Roller& roller : problem.rollers) {
+        if (!in_range(roller.node_id) || roller.axis < 0 || roller.axis > 2) {
+            return invalid_input("roller on node " + std::to_string(roller.node_id) + ", axis " +
+                                 std::to_string(roller.axis) + " does not exist");
+        }
+    }
+    for (const std::int32_t id : problem.clamped) {
+        if (!in_range(id)) return invalid_input("clamped node " + std::to_string(id) + " does not exist");
+    }
+    for (const NodeForce& force : problem.node_forces) {
+        if (!in_range(force.node_id)) {
+            return invalid_input("loaded node " + std::to_string(force.node_id) + " does not exist");
+        }
+    }
+    const CalculixMaterial& m = problem.material;
+    if (!(m.youngs_modulus_pa > 0.0)) {
+        return invalid_input("youngs_modulus_pa = " + number(m.youngs_modulus_pa) + ", must be > 0");
+    }
+    if (!(m.poissons_ratio > -1.0 && m.poissons_ratio < 0.5)) {
+        return invalid_input("poissons_ratio = " + number(m.poissons_ratio) + ", must be in (-1, 0.5)");
+    }
+    if (problem.gravity_m_s2 != Point{} && !(m.density_kg_m3 > 0.0)) {
+        return invalid_input("gravity needs density_kg_m3 > 0, is " + number(m.density_kg_m3));
+    }
+    if (problem.increments < 1)
+        return invalid_input("increments = " + std::to_string(problem.increments) + ", must be >= 1");
+    return {};
+}
+
+std::string material_card(const CalculixMaterial& m) {
+    std::string text = "*MATERIAL, NAME=M\n";
+    switch (m.law) {
+        case CalculixMaterial::Law::kLinear:
+            text += "*ELASTIC\n" + number(m.youngs_modulus_pa) + ", " + number(m.poissons_ratio) + "\n";
+            break;
+        case CalculixMaterial::Law::kNeoHookean:  // C10 = mu/2, D1 = 2/K
+            text += "*HYPERELASTIC, NEO HOOKE\n" + number(0.5 * m.shear_modulus_pa()) + ", " +
+                    number(2.0 / m.bulk_modulus_pa()) + "\n";
+            break;
+        case CalculixMaterial::Law::kOgden:  // mu1 = G, D1 = 2/K
+            text += "*HYPERELASTIC, OGDEN, N=1\n" + number(m.shear_modulus_pa()) + ", " + number(m.alpha) +
+                    ", " + number(2.0 / m.bulk_modulus_pa()) + "\n";
+            break;
+    }
+    if (m.density_kg_m3 > 0.0) text += "*DENSITY\n" + number(m.density_kg_m3) + "\n";
+    return text + "*SOLID SECTION, ELSET=BODY, MATERIAL=M\n";
+}
+
+double area(const CalculixProblem& problem, const std::array<std::int32_t, 3>& face) {
+    const Point &a = problem.nodes[face[0]], &b = problem.nodes[face[1]], &c = problem.nodes[face[2]];
+    Point n{};
+    for (int i = 0; i < 3; ++i) {
+        const int j = (i + 1) % 3, k = (i + 2) % 3;
+        n[i] = (b[j] - a[j]) * (c[k] - a[k]) - (b[k] - a[k]) * (c[j] - a[j]);
+    }
+    return 0.5 * std::sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+}
+
+// Consistent nodal forces: a third of a face's force on each corner (linear) or on each mid-edge node
+// (quadratic).
+Result<std::map<std::int32_t, Point>> nodal_loads(const CalculixProblem& problem,
+                                                  const std::map<Edge, std::int32_t>& mid) {
+    std::map<std::int32_t, Point> loads;
+    const auto add = [&](std::int32_t node, const Point& force, double share) {
+        for (int i = 0; i < 3; ++i) loads[node][i] += share * force[i];
+    };
+    for (const NodeForce& force : problem.node_forces) add(force.node_id, force.force_n, 1.0);
+    for (const FaceTraction& load : problem.face_tractions) {
+        for (int i = 0; i < 3; ++i) {
+            const auto found = mid.find(edge(load.face[i], load.face[(i + 1) % 3]));
+            if (found == mid.end()) {
+                return invalid_input("loaded face " + std::to_string(load.face[0]) + " " +
+                                     std::to_string(load.face[1]) + " " + std::to_string(load.face[2]) +
+                                     " is not a face of the mesh");
+            }
+            add(problem.quadratic ? found->second : load.face[i], load.traction_pa,
+                area(problem, load.face) / 3.0);
+        }
+    }
+    return loads;
+}
+
+// The three numbers of a row; Fortran drops the E of a three-digit exponent.
+double fortran_number(std::string text) {
+    const std::size_t sign = text.find_last_of("+-");
+    if (sign != std::string::npos && sign > 0 &&
+        std::isdigit(static_cast<unsigned char>(text[sign - 1])) != 0) {
+        text.insert(sign, "E");
+    }
+    char* end = nullptr;
+    const double value = std::strtod(text.c_str(), &end);
+    return end == text.c_str() + text.size() && !text.empty() ? value : std::nan("");
+}
+
+// Sets HELD1..3 (the nodes whose displacement along axis 1..3 is zero), HELD (their union) and the boundary
+// condition.
+std::string held_cards(const CalculixProblem& problem, const std::map<Edge, std::int32_t>& mid) {
+    std::array<std::vector<char>, 3> held;
+    for (auto& axis : held) {
+        axis.assign(problem.nodes.size(), 0);
+        for (const std::int32_t id : problem.clamped) axis[id] = 1;
+    }
+    for (const Roller& roller : problem.rollers) held[roller.axis][roller.node_id] = 1;
+    std::string text, conditions, all = "*NSET, NSET=HELD\n";
+    for (int axis = 0; axis < 3; ++axis) {
+        const std::string name = "HELD" + std::to_string(axis + 1);
+        std::string ids;
+        for (std::size_t i = 0; i < problem.nodes.size(); ++i) {
+            if (held[axis][i] != 0) ids += std::to_string(i + 1) + ",\n";
+        }
+        for (const auto& [ends, id] : mid) {
+            if (problem.quadratic && held[axis][ends.first] != 0 && held[axis][ends.second] != 0) {
+                ids += std::to_string(id + 1) + ",\n";
+            }
+        }
+        if (ids.empty()) continue;
+        text += "*NSET, NSET=" + name + "\n" + ids;
+        all += name + ",\n";
+        conditions += name + ", " + std::to_string(axis + 1) + "\n";
+    }
+    return text + all + "*BOUNDARY\n" + conditions;
+}
+
+std::string read_text(const std::filesystem::path& path) {
+    std::ifstream file(path);
+    return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+}
+
+}  // namespace
+
+bool calculix_available() {
+    return std::system("ccx -v > /dev/null 2>&1; test $? -ne 127") == 0;
+}
+
+Result<std::string> calculix_input(const CalculixProblem& problem) {
+    TERES_TRY(check(problem));
+    const std::map<Edge, std::int32_t> mid = mid_edge_nodes(problem);
+    TERES_TRY_ASSIGN(const auto loads, nodal_loads(problem, mid));
+    std::ostringstream out;
+    out << "*NODE, NSET=ALL\n";
+    const auto node_line = [&](std::size_t id, const Point& p) {
+        out << id + 1 << ", " << number(p[0]) << ", " << number(p[1]) << ", " << number(p[2]) << "\n";
+    };
+    for (std::size_t i = 0; i < problem.nodes.size(); ++i) node_line(i, problem.nodes[i]);
+    if (problem.quadratic) {
+        for (const auto& [ends, id] : mid) {
+            const Point &a = problem.nodes[ends.first], &b = problem.nodes[ends.second];
+            node_line(id, {0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])});
+        }
+    }
+    out << "*ELEMENT, TYPE=" << (problem.quadratic ? "C3D10" : "C3D4") << ", ELSET=BODY\n";
+    for (std::size_t e = 0; e < problem.tets.size(); ++e) {
+        const auto& tet = problem.tets[e];
+        out << e + 1;
+        for (const std::int32_t node : tet) out << ", " << node + 1;
+        if (problem.quadratic) {
+            for (const auto& [i, j] : kEdges) out << ", " << mid.at(edge(tet[i], tet[j])) + 1;
+        }
+        out << "\n";
+    }
+    out << "*NSET, NSET=CORNERS, GENERATE\n1, " << problem.nodes.size() << ", 1\n"
+        << material_card(problem.material) << held_cards(problem, mid);
+    out << "*STEP, INC=1000" << (problem.large_displacements ? ", NLGEOM" : "") << "\n*STATIC\n"
+        << number(1.0 / problem.increments) << ", 1.0\n";
+    // Residual below 1e-6 of the mean force, correction below 1e-5 of the increment.
+    if (problem.large_displacements) out << "*CONTROLS, PARAMETERS=FIELD\n1e-6, 1e-5\n";
+    if (!loads.empty()) out << "*CLOAD\n";
+    for (const auto& [id, force] : loads) {
+        for (int i = 0; i < 3; ++i) {
+            if (force[i] != 0.0) out << id + 1 << ", " << i + 1 << ", " << number(force[i]) << "\n";
+        }
+    }
+    const Point& g = problem.gravity_m_s2;
+    const double magnitude = std::sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2]);
+    if (magnitude > 0.0) {
+        out << "*DLOAD\nBODY, GRAV, " << number(magnitude) << ", " << number(g[0] / magnitude) << ", "
+            << number(g[1] / magnitude) << ", " << number(g[2] / magnitude) << "\n";
+    }
+    out << "*NODE PRINT, NSET=CORNERS, FREQUENCY=1000\nU\n*NODE PRINT, NSET=HELD, FREQUENCY=1000\nRF\n*END "
+           "STEP\n";
+    return out.str();
+}
+
+Result<std::map<std::int32_t, Point>> last_block(const std::string& dat, const std::string& title) {
+    const std::size_t start = dat.rfind("\n " + title);
+    if (start == std::string::npos) return not_usable("no block '" + title + "' in the .dat file");
+    std::istringstream lines(dat.substr(start + 1));
+    std::string line;
+    std::getline(lines, line);
+    std::map<std::int32_t, Point> rows;
+    while (std::getline(lines, line)) {
+        if (line.find_first_not_of(" \r") == std::string::npos) {
+            if (rows.empty()) continue;
+            break;
+        }
+        // Fixed columns: I10, then 14 characters per number.
+        if (line.size() < 10 + 3 * 14) return not_usable("short row in the .dat file: '" + line + "'");
+        Point values{};
+        for (int i = 0; i < 3; ++i) {
+            std::string field = line.substr(10 + 14 * static_cast<std::size_t>(i), 14);
+            field.erase(std::remove(field.begin(), field.end(), ' '), field.end());
+            values[i] = fortran_number(field);
+            if (!std::isfinite(values[i])) return not_usable("not a number in the .dat file: '" + line + "'");
+        }
+        rows[static_cast<std::int32_t>(std::strtol(line.substr(0, 10).c_str(), nullptr, 10)) - 1] = values;
+    }
+    return rows;
+}
+
+Result<CalculixSolution> solve_with_calculix(const CalculixProblem& problem,
+                                             const std::filesystem::path& scratch) {
+    if (!calculix_available()) return host_fault("program 'ccx' not found; apt-get install calculix-ccx");
+    TERES_TRY_ASSIGN(const std::string input, calculix_input(problem));
+    std::ofstream(scratch / "job.inp") << input;
+    const auto start = std::chrono::steady_clock::now();
+    const std::string command = "cd '" + scratch.string() +
+                                "' && OMP_NUM_THREADS=" + std::to_string(problem.threads) +
+                                " nice -n 10 ccx -i job > job.log 2>&1";
+    const int code = std::system(command.c_str());
+    const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
+    const std::string log = read_text(scratch / "job.log");
+    if (code != 0 || log.find("*ERROR") != std::string::npos ||
+        log.find("Job finished") == std::string::npos) {
+        return not_usable("ccx failed; its last words:\n" +
+                          log.substr(log.size() > 1500 ? log.size() - 1500 : 0));
+    }
+    const std::string dat = read_text(scratch / "job.dat");
+    TERES_TRY_ASSIGN(const auto moved, last_block(dat, "displacements"));
+    TERES_TRY_ASSIGN(const auto reactions, last_block(dat, "forces"));
+    CalculixSolution solution;
+    solution.seconds = elapsed.count();
+    solution.num_nodes = problem.nodes.size() + (problem.quadratic ? mid_edge_nodes(problem).size() : 0);
+    solution.displacement_m.assign(problem.nodes.size(), Point{});
+    if (moved.size() != problem.nodes.size()) {
+        return not_usable("ccx printed " + std::to_string(moved.size()) + " of " +
+                          std::to_string(problem.nodes.size()) + " displacements");
+    }
+    for (const auto& [id, u] : moved) solution.displacement_m[id] = u;
+    for (const auto& [id, f] : reactions) {
+        for (int i = 0; i < 3; ++i) solution.reaction_n[i] += f[i];
+    }
+    return solution;
+}
+
+}  // namespace teres::test
