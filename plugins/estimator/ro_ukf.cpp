@@ -1,0 +1,100 @@
+#include "plugins/estimator/ro_ukf.h"
+
+#include <limits>
+
+#include "core/check.h"
+
+namespace teres {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+RoUkf::RoUkf(const VectorXd& x, const VectorXd& theta, const MatrixXd& P_theta, Options options)
+    : points_(make_sigma_points(options.points, theta.size(), options.star_lambda)),
+      mean_(x.size() + theta.size()),
+      A_(MatrixXd::Zero(x.size() + theta.size(), theta.size())) {
+    TERES_CHECK(P_theta.rows() == theta.size() && P_theta.cols() == theta.size());
+    mean_ << x, theta;
+    A_.bottomRows(theta.size()) = lower_root(P_theta);
+}
+
+MatrixXd RoUkf::sensitivity() const {
+    const Index p = num_parameters();
+    // Rows scaled to 1, so that the rank decision does not depend on the units of the parameters.
+    const MatrixXd A_theta = A_.bottomRows(p);
+    VectorXd scale = A_theta.rowwise().norm();
+    for (Index i = 0; i < p; ++i) scale(i) = scale(i) > 0.0 ? 1.0 / scale(i) : 0.0;
+    const MatrixXd scaled = scale.asDiagonal() * A_theta;
+    const Eigen::CompleteOrthogonalDecomposition<MatrixXd> solver(scaled);
+    return A_.topRows(num_state()) * solver.pseudoInverse() * scale.asDiagonal();
+}
+
+void RoUkf::replace_parameter_root(const MatrixXd& root) {
+    const MatrixXd G = sensitivity();
+    A_.topRows(num_state()).noalias() = G * root;
+    A_.bottomRows(num_parameters()) = root;
+}
+
+void RoUkf::add_process_noise(const MatrixXd& Q) {
+    const Index p = num_parameters();
+    TERES_CHECK(Q.rows() == p && Q.cols() == p);
+    MatrixXd stack(2 * p, p);
+    stack.topRows(p) = A_.bottomRows(p).transpose();
+    stack.bottomRows(p) = lower_root(Q).transpose();
+    replace_parameter_root(lower_root_of_gram(stack));
+}
+
+void RoUkf::scale_parameters(const VectorXd& factor) {
+    TERES_CHECK(factor.size() == num_parameters());
+    replace_parameter_root(factor.asDiagonal() * A_.bottomRows(num_parameters()));
+}
+
+void RoUkf::shift_parameters(const VectorXd& delta) {
+    TERES_CHECK(delta.size() == num_parameters());
+    mean_.head(num_state()) += sensitivity() * delta;
+    mean_.tail(num_parameters()) += delta;
+}
+
+const MatrixXd& RoUkf::sigma_points() {
+    X_.noalias() = A_ * points_.unit;
+    X_.colwise() += mean_;
+    return X_;
+}
+
+void RoUkf::predict(const Eigen::Ref<const MatrixXd>& X) {
+    TERES_CHECK(X.rows() == mean_.size() && X.cols() == num_points());
+    mean_.noalias() = X * points_.weights;
+    A_.noalias() = (X.colwise() - mean_) * points_.weights.asDiagonal() * points_.unit.transpose();
+}
+
+Innovation RoUkf::innovation(const VectorXd& z, const Eigen::Ref<const MatrixXd>& Z) const {
+    TERES_CHECK(Z.rows() == z.size() && Z.cols() == num_points());
+    const VectorXd z_mean = Z * points_.weights;
+    return {z - z_mean, (Z.colwise() - z_mean) * points_.weights.asDiagonal() * points_.unit.transpose()};
+}
+
+Correction RoUkf::correct(const Innovation& innovation, const VectorXd& noise_variance,
+                          std::span<const std::uint8_t> used) {
+    Correction correction = ensemble_correction(innovation, noise_variance, used);
+    mean_.noalias() += A_ * correction.weights;
+    A_ = A_ * correction.root;
+    return correction;
+}
+
+Correction RoUkf::correct(const VectorXd& z, const Eigen::Ref<const MatrixXd>& Z,
+                          const VectorXd& noise_variance, std::span<const std::uint8_t> used) {
+    return correct(innovation(z, Z), noise_variance, used);
+}
+
+MatrixXd RoUkf::covariance() const {
+    const auto A_theta = A_.bottomRows(num_parameters());
+    return A_theta * A_theta.transpose();
+}
+
+void RoUkf::set_state(const VectorXd& x) {
+    TERES_CHECK(x.size() == num_state());
+    mean_.head(num_state()) = x;
+}
+
+}  // namespace teres
