@@ -4,13 +4,18 @@
 #include <poll.h>
 #include <regex.h>
 
+#include <algorithm>
 #include <array>
+#include <cstdlib>
 #include <cstring>
 #include <map>
+#include <optional>
 #include <vector>
 
 #include "core/check.h"
 #include "core/log.h"
+#include "core/log_reader.h"
+#include "core/stream_pacer.h"
 #include "core/udpm_guard.h"
 
 namespace teres {
@@ -85,16 +90,16 @@ struct Bus::Impl {
     }
 
     // One message to one subscription. Called below liblcm's C frames: whatever the handler throws ends here.
-    void deliver(Subscription& subscription, const lcm_recv_buf_t& buffer, const char* channel) noexcept {
-        if (buffer.data_size > subscription.max_bytes) {
+    void deliver(Subscription& subscription, const char* channel, std::span<const std::uint8_t> data,
+                 std::int64_t receive_us) noexcept {
+        if (data.size() > subscription.max_bytes) {
             ++counters.refused;
             return;
         }
         ++counters.received;
         ++delivered;
         try {
-            subscription.handler(channel, {static_cast<const std::uint8_t*>(buffer.data), buffer.data_size},
-                                 buffer.recv_utime + epoch_to_monotonic_us);
+            subscription.handler(channel, data, receive_us);
         } catch (...) {
             ++counters.refused;
             if (!subscription.threw)
@@ -102,15 +107,19 @@ struct Bus::Impl {
             subscription.threw = true;
         }
     }
+    void deliver(Subscription& subscription, const char* channel, const lcm_recv_buf_t& buffer) noexcept {
+        deliver(subscription, channel, {static_cast<const std::uint8_t*>(buffer.data), buffer.data_size},
+                buffer.recv_utime + epoch_to_monotonic_us);
+    }
 
     static void on_message(const lcm_recv_buf_t* buffer, const char* channel, void* user) noexcept {
         auto& subscription = *static_cast<Subscription*>(user);
-        subscription.bus->deliver(subscription, *buffer, channel);
+        subscription.bus->deliver(subscription, channel, *buffer);
     }
     static void on_memq_message(const lcm_recv_buf_t* buffer, const char* channel, void* user) noexcept {
         auto& bus = *static_cast<Impl*>(user);
         for (Subscription* subscription : bus.listeners(channel))
-            bus.deliver(*subscription, *buffer, channel);
+            bus.deliver(*subscription, channel, *buffer);
     }
 
     // memq:// hides from us whether it has queued a message (it drops what nobody wants), so that we match
@@ -123,6 +132,70 @@ struct Bus::Impl {
             if (s->pattern.matches(channel)) found.push_back(s.get());
         return listening.emplace(channel, std::move(found)).first->second;
     }
+
+    // file://PATH[?speed=X[&mode=r]]
+    Status open_log() {
+        const std::string rest = url.substr(std::string_view("file://").size());
+        const auto question = rest.find('?');
+        double speed = 1.0;
+        std::string options = question == std::string::npos ? "" : rest.substr(question + 1);
+        while (!options.empty()) {
+            const auto end = std::min(options.find_first_of(",&"), options.size());
+            const std::string option = options.substr(0, end);
+            options.erase(0, end + 1);
+            char* rest_of_number = nullptr;
+            if (option.starts_with("speed=")) {
+                speed = std::strtod(option.c_str() + 6, &rest_of_number);
+                if (rest_of_number == option.c_str() + 6 || *rest_of_number != '\0' ||
+                    !(speed >= 0.0 && speed <= 1e6))
+                    return invalid_input("bus url '" + url + "': " + option + " must be in [0, 1e6]");
+            } else if (option != "mode=r") {
+                return invalid_input("bus url '" + url + "': option '" + option +
+                                     "' is not known (speed, mode)");
+            }
+        }
+        pacer = StreamPacer(speed);
+        TERES_TRY_ASSIGN(auto opened, LogReader::open(rest.substr(0, question)));
+        log_reader.emplace(std::move(opened));
+        return {};
+    }
+
+    // file:// for reading goes through our bounded reader; liblcm's crashes on a hostile length.
+    int dispatch_log(int timeout_ms) noexcept {
+        delivered = 0;
+        for (int taken = 0; taken < kMaxMessagesPerDispatch; ++taken) {
+            const std::int64_t now_us = clock_us(CLOCK_MONOTONIC);
+            if (!event_loaded) {
+                if (!log_reader->next(event)) {
+                    if (!failed && !log_reader->damage().none())
+                        log(Level::kWarn, "bus", log_reader->damage_text());
+                    failed = true;
+                    return delivered > 0 ? delivered : -1;
+                }
+                event_loaded = true;
+                event_due_us = pacer.due_us(event.stamp_us, now_us);
+            }
+            const double wait_ms = (event_due_us - static_cast<double>(now_us)) / 1000.0;
+            if (wait_ms > 0.0) {
+                if (delivered > 0 || wait_ms > timeout_ms) {
+                    if (delivered == 0 && timeout_ms > 0) poll(nullptr, 0, timeout_ms);
+                    break;
+                }
+                poll(nullptr, 0, static_cast<int>(wait_ms) + 1);
+            }
+            event_loaded = false;
+            const std::string channel(event.channel);
+            for (Subscription* subscription : listeners(channel.c_str()))
+                deliver(*subscription, channel.c_str(), event.data, event.stamp_us);
+        }
+        return delivered;
+    }
+
+    std::optional<LogReader> log_reader;
+    StreamPacer pacer{1.0};
+    LogEvent event;
+    bool event_loaded = false;
+    double event_due_us = 0.0;
 
     lcm_t* lcm = nullptr;
     std::string url;
@@ -151,9 +224,13 @@ Result<Bus> Bus::open(const std::string& url) {
     impl->udpm = url.starts_with("udpm://");
     if (!impl->memq && !impl->udpm && !url.starts_with("file://"))
         return invalid_input("bus url '" + url + "': provider must be memq://, udpm:// or file://");
+    if (url.starts_with("file://") && url.find("mode=w") == std::string::npos) {
+        TERES_TRY(impl->open_log());
+        return Bus(std::move(impl));
+    }
     impl->lcm = lcm_create(url.c_str());
     if (impl->lcm == nullptr) {
-        std::string remedy = "is the log file there and readable?";
+        std::string remedy = "can the log file be written?";
         if (impl->udpm)
             remedy =
                 "a multicast route is needed, e.g. `ip link set lo multicast on; ip route add "
@@ -171,6 +248,11 @@ Status Bus::subscribe(const std::string& channel, std::size_t max_bytes, Handler
     subscription->bus = impl_.get();
     subscription->max_bytes = max_bytes;
     subscription->handler = std::move(handler);
+    if (impl.log_reader) {
+        impl.subscriptions.push_back(std::move(subscription));
+        impl.listening.clear();
+        return {};
+    }
     // liblcm puts ^ and $ around the expression: brackets keep a|b together.
     const std::string expression = impl.memq ? ".*" : "(" + channel + ")";
     if (!impl.memq || impl.subscriptions.empty()) {
@@ -200,7 +282,8 @@ Status Bus::subscribe(const std::string& channel, std::size_t max_bytes, Handler
 bool Bus::publish(std::string_view channel, std::span<const std::uint8_t> data) noexcept {
     Impl& impl = *impl_;
     std::array<char, LCM_MAX_CHANNEL_NAME_LENGTH + 1> name{};
-    bool good = !channel.empty() && channel.size() < name.size() && data.size() <= kMaxMessageBytes;
+    bool good = !channel.empty() && channel.size() < name.size() && data.size() <= kMaxMessageBytes &&
+                impl.lcm != nullptr;
     if (good) {
         std::memcpy(name.data(), channel.data(), channel.size());
         if (impl.memq) {
@@ -218,6 +301,7 @@ bool Bus::publish(std::string_view channel, std::span<const std::uint8_t> data) 
 int Bus::dispatch(int timeout_ms) noexcept {
     Impl& impl = *impl_;
     if (impl.failed) return -1;
+    if (impl.log_reader) return impl.dispatch_log(timeout_ms);
     if (impl.fileno < 0) {  // nothing subscribed
         if (timeout_ms > 0) poll(nullptr, 0, timeout_ms);
         return 0;
