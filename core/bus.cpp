@@ -133,6 +133,13 @@ struct Bus::Impl {
         return listening.emplace(channel, std::move(found)).first->second;
     }
 
+    tl::unexpected<Error> cannot_receive() const {
+        return host_fault(
+            "bus url '" + url +
+            "': liblcm does not receive its own multicast; check that loopback is up, the route of the "
+            "group (`ip route get 239.255.76.67`) and firewall rules for its udp port");
+    }
+
     // file://PATH[?speed=X[&mode=r]]
     Status open_log() {
         const std::string rest = url.substr(std::string_view("file://").size());
@@ -259,8 +266,7 @@ Status Bus::subscribe(const std::string& channel, std::size_t max_bytes, Handler
         lcm_subscription_t* handle =
             impl.memq ? lcm_subscribe(impl.lcm, expression.c_str(), &Impl::on_memq_message, &impl)
                       : lcm_subscribe(impl.lcm, expression.c_str(), &Impl::on_message, subscription.get());
-        if (handle == nullptr)
-            return host_fault("bus url '" + impl.url + "': cannot subscribe to '" + channel + "'");
+        if (handle == nullptr) return impl.cannot_receive();
         lcm_subscription_set_queue_capacity(handle, kSubscriptionQueue);
     }
     impl.subscriptions.push_back(std::move(subscription));
@@ -270,11 +276,7 @@ Status Bus::subscribe(const std::string& channel, std::size_t max_bytes, Handler
     // Starts the receiving side. A negative number means that liblcm could not hear itself: using it would
     // abort.
     impl.fileno = lcm_get_fileno(impl.lcm);
-    if (impl.fileno < 0)
-        return host_fault(
-            "bus url '" + impl.url +
-            "': liblcm does not receive its own multicast; check the route of the group (ip route get "
-            "239.255.76.67) and firewall rules for its udp port");
+    if (impl.fileno < 0) return impl.cannot_receive();
     if (first && impl.udpm) guard_udpm_socket(impl.url);
     return {};
 }
