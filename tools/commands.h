@@ -29,5 +29,6 @@ struct SettingsOptions {
 void add_settings_options(CLI::App& verb, SettingsOptions& options);
 
 void add_run_command(CLI::App& app, int& exit_code);
+void add_score_command(CLI::App& app, int& exit_code);
 
 }  // namespace teres::tools

@@ -271,13 +271,13 @@ Status read_markers(Case& c, double max_distance_m) {
     return {};
 }
 
-Result<std::vector<PositionSample>> read_samples(const CsvTable& table) {
+Result<std::vector<PositionSample>> read_samples(const CsvTable& table, bool any_order) {
     std::vector<PositionSample> samples;
     samples.reserve(table.num_rows());
     TimeCheck time;
     for (std::size_t row = 0; row < table.num_rows(); ++row) {
         const std::int32_t id = table.id(row, 1);
-        TERES_TRY(time.next(table, row, id, "id " + std::to_string(id)));
+        if (!any_order) TERES_TRY(time.next(table, row, id, "id " + std::to_string(id)));
         TERES_TRY_ASSIGN(const Point p, position(table, row, 2));
         samples.push_back({table.number(row, 0), id, p});
     }
@@ -296,7 +296,7 @@ Status read_observations(Case& c) {
     const fs::path file = c.folder / "observations.csv";
     TERES_TRY_ASSIGN(const CsvTable table, CsvTable::read(file, sample_columns("marker_id")));
     if (table.num_rows() == 0) return invalid_input(table.name() + ":1: no observations");
-    TERES_TRY_ASSIGN(c.observations, read_samples(table));
+    TERES_TRY_ASSIGN(c.observations, read_samples(table, false));
     std::unordered_set<std::int32_t> known;
     for (const MarkerRest& marker : c.markers) known.insert(marker.id);
     bool any_seen = false;
@@ -349,9 +349,10 @@ Result<Case> read_case(const fs::path& folder, const CaseReadOptions& options) {
     return c;
 }
 
-Result<std::vector<PositionSample>> read_positions(const fs::path& file, const std::string& id_column) {
+Result<std::vector<PositionSample>> read_positions(const fs::path& file, const std::string& id_column,
+                                                   bool any_order) {
     TERES_TRY_ASSIGN(const CsvTable table, CsvTable::read(file, sample_columns(id_column)));
-    return read_samples(table);
+    return read_samples(table, any_order);
 }
 
 }  // namespace teres
