@@ -2,7 +2,6 @@
 
 #include <lcm/lcm.h>
 #include <poll.h>
-#include <regex.h>
 
 #include <algorithm>
 #include <array>
@@ -12,7 +11,9 @@
 #include <optional>
 #include <vector>
 
+#include "core/channel_pattern.h"
 #include "core/check.h"
+#include "core/clock.h"
 #include "core/log.h"
 #include "core/log_reader.h"
 #include "core/stream_pacer.h"
@@ -30,36 +31,17 @@ constexpr int kSubscriptionQueue = 64;
 constexpr std::size_t kMemqMessages = 4096;
 constexpr std::size_t kMemqBytes = std::size_t{256} << 20;
 
-std::int64_t clock_us(clockid_t id) {
+std::int64_t epoch_us() {
     timespec t{};
-    clock_gettime(id, &t);
+    clock_gettime(CLOCK_REALTIME, &t);
     return static_cast<std::int64_t>(t.tv_sec) * 1'000'000 + t.tv_nsec / 1000;
 }
-
-// liblcm's own rule: the expression must match the whole channel name.
-class ChannelPattern {
-  public:
-    explicit ChannelPattern(const std::string& expression) {
-        good_ = regcomp(&regex_, ("^(" + expression + ")$").c_str(), REG_NOSUB | REG_EXTENDED) == 0;
-    }
-    ~ChannelPattern() {
-        if (good_) regfree(&regex_);
-    }
-    ChannelPattern(const ChannelPattern&) = delete;
-    ChannelPattern& operator=(const ChannelPattern&) = delete;
-    bool good() const { return good_; }
-    bool matches(const char* channel) const { return regexec(&regex_, channel, 0, nullptr, 0) == 0; }
-
-  private:
-    regex_t regex_{};
-    bool good_ = false;
-};
 
 }  // namespace
 
 struct Bus::Impl {
     struct Subscription {
-        explicit Subscription(const std::string& channel) : pattern(channel) {}
+        explicit Subscription(ChannelPattern matching) : pattern(std::move(matching)) {}
         Impl* bus = nullptr;
         ChannelPattern pattern;
         std::size_t max_bytes = 0;
@@ -171,7 +153,7 @@ struct Bus::Impl {
     int dispatch_log(int timeout_ms) noexcept {
         delivered = 0;
         for (int taken = 0; taken < kMaxMessagesPerDispatch; ++taken) {
-            const std::int64_t now_us = clock_us(CLOCK_MONOTONIC);
+            const std::int64_t now_us = monotonic_us();
             if (!event_loaded) {
                 if (!log_reader->next(event)) {
                     if (!failed && !log_reader->damage().none())
@@ -249,9 +231,8 @@ Result<Bus> Bus::open(const std::string& url) {
 
 Status Bus::subscribe(const std::string& channel, std::size_t max_bytes, Handler handler) {
     Impl& impl = *impl_;
-    auto subscription = std::make_unique<Impl::Subscription>(channel);
-    if (!subscription->pattern.good())
-        return invalid_input("channel '" + channel + "' is not a valid regular expression");
+    TERES_TRY_ASSIGN(ChannelPattern pattern, ChannelPattern::make(channel));
+    auto subscription = std::make_unique<Impl::Subscription>(std::move(pattern));
     subscription->bus = impl_.get();
     subscription->max_bytes = max_bytes;
     subscription->handler = std::move(handler);
@@ -309,7 +290,7 @@ int Bus::dispatch(int timeout_ms) noexcept {
         return 0;
     }
     // liblcm stamps with the wall clock; the rest of the house uses the monotonic one.
-    impl.epoch_to_monotonic_us = clock_us(CLOCK_MONOTONIC) - clock_us(CLOCK_REALTIME);
+    impl.epoch_to_monotonic_us = monotonic_us() - epoch_us();
     impl.delivered = 0;
     int wait_ms = timeout_ms;
     for (int taken = 0; taken < kMaxMessagesPerDispatch; ++taken) {

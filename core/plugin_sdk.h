@@ -56,7 +56,11 @@ class Host {
     bool publish(const char* channel, const Message& message) {
         buffer_.resize(static_cast<std::size_t>(message.getEncodedSize()));
         if (message.encode(buffer_.data(), 0, static_cast<int>(buffer_.size())) < 0) return false;
-        return host_->publish(host_->context, channel, buffer_.data(), buffer_.size()) == 0;
+        return publish_bytes(channel, buffer_);
+    }
+    /// [loop] Publishes a message that is encoded already. False if it was refused.
+    bool publish_bytes(const char* channel, std::span<const std::uint8_t> data) const {
+        return host_->publish(host_->context, channel, data.data(), data.size()) == 0;
     }
 
     /// [setup] Calls `handler(message, receive_us)` for every well-formed message; malformed ones are dropped.
