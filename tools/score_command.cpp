@@ -76,8 +76,9 @@ Status save_score_plot(const Score& score, const ScoreOptions& options) {
         max.y.push_back(frame.num_points > 0 ? frame.max_mm : nan);
     }
     Plot plot;
-    plot.title = "Error of the predicted points, " +
-                 std::filesystem::path(options.case_folder).lexically_normal().string();
+    const auto folder = std::filesystem::weakly_canonical(options.case_folder);  // may end with a slash
+    plot.title = "Error of the predicted points, case " +
+                 (folder.has_filename() ? folder : folder.parent_path()).filename().string();
     plot.x_label = "time [s]";
     char text[64];
     std::snprintf(text, sizeof text, "mean of all, %.2f mm", score.mean_mm);
