@@ -44,14 +44,14 @@ Status read_ogden(JsonFields& json, BodyData& body) {
     // Given values may be rounded; beyond that they contradict G and K.
     if (std::abs(body.youngs_modulus_pa - E) > 0.02 * E)
         return json.error_at("body.youngs_modulus_pa",
-                             std::to_string(body.youngs_modulus_pa) +
+                             to_text(body.youngs_modulus_pa) +
                                  " contradicts shear_modulus_pa and bulk_modulus_pa, which give " +
-                                 std::to_string(E) + " (tolerance 2 %)");
+                                 to_text(E) + " (tolerance 2 %)");
     if (std::abs(body.poissons_ratio - nu) > 0.01)
         return json.error_at("body.poissons_ratio",
-                             std::to_string(body.poissons_ratio) +
+                             to_text(body.poissons_ratio) +
                                  " contradicts shear_modulus_pa and bulk_modulus_pa, which give " +
-                                 std::to_string(nu) + " (tolerance 0.01)");
+                                 to_text(nu) + " (tolerance 0.01)");
     return {};
 }
 
