@@ -215,8 +215,10 @@ Result<std::string> calculix_input(const CalculixProblem& problem) {
         << material_card(problem.material) << held_cards(problem, mid);
     out << "*STEP, INC=1000" << (problem.large_displacements ? ", NLGEOM" : "") << "\n*STATIC\n"
         << number(1.0 / problem.increments) << ", 1.0\n";
-    // Residual below 1e-6 of the mean force, correction below 1e-5 of the increment.
-    if (problem.large_displacements) out << "*CONTROLS, PARAMETERS=FIELD\n1e-6, 1e-5\n";
+    if (problem.large_displacements) {
+        out << "*CONTROLS, PARAMETERS=FIELD\n"
+            << number(problem.residual) << ", " << number(problem.correction) << "\n";
+    }
     if (!loads.empty()) out << "*CLOAD\n";
     for (const auto& [id, force] : loads) {
         for (int i = 0; i < 3; ++i) {

@@ -62,6 +62,8 @@ struct CalculixProblem {
     bool quadratic = true;            ///< C3D10, else C3D4
     bool large_displacements = true;  ///< NLGEOM
     int increments = 1;               ///< equal load increments (ccx cuts them when it must)
+    double residual = 1e-6;           ///< an increment converged: largest residual over the mean force ...
+    double correction = 1e-5;         ///< ... and last correction over the increment's largest displacement
     int threads = 2;
 };
 
