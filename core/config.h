@@ -28,6 +28,7 @@ struct ServiceSettings {
     std::filesystem::path plugin_folder;  ///< searched before the places beside the program
     std::filesystem::path record_to;
     double record_max_mb = 0.0;
+    bool record_overwrite = false;
     double health_period_s = 1.0;
     double stale_after_s = 1.0;
     double idle_wait_ms = 1.0;
@@ -42,8 +43,10 @@ struct ServiceSettings {
         field("case", case_folder, "case folder handed to every unit that has a setting `case`");
         field("plugin_folder", plugin_folder,
               "folder of teres_<id>.so files, before the places beside the program");
-        field("record_to", record_to, "LCM log that receives every message; empty: none");
+        field("record_to", record_to,
+              "LCM log that receives every message, may hold %Y%m%d-%H%M%S; empty: none");
         field("record_max_mb", record_max_mb, {0.0, 1e7}, "size at which recording ends; 0: no limit");
+        field("record_overwrite", record_overwrite, "replace an existing log (otherwise an error)");
         field("health_period_s", health_period_s, {0.0, 3600.0}, "time between HEALTH messages; 0: none");
         field("stale_after_s", stale_after_s, {0.01, 3600.0}, "a live driver silent for longer is stale");
         field("idle_wait_ms", idle_wait_ms, {0.0, 100.0}, "longest wait for a message when nothing is to do");

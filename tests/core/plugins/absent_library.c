@@ -1,0 +1,1 @@
+void absent_function(void) {}
