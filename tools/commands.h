@@ -3,10 +3,12 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <filesystem>
 #include <functional>
 #include <string>
 #include <vector>
 
+#include "core/config.h"
 #include "core/result.h"
 
 namespace teres::tools {
@@ -27,6 +29,12 @@ struct SettingsOptions {
     std::vector<std::string> overrides;  ///< "section.key=value"
 };
 void add_settings_options(CLI::App& verb, SettingsOptions& options);
+/// The settings file (the given one, else the first of default_settings_files() that exists) with the
+/// overrides on top.
+Result<Config> read_settings(const SettingsOptions& options);
+/// /etc/teres/teres.toml, then the one installed beside the program, then config/teres.toml of the tree it
+/// was built in.
+std::vector<std::filesystem::path> default_settings_files();
 
 void add_run_command(CLI::App& app, int& exit_code);
 void add_score_command(CLI::App& app, int& exit_code);

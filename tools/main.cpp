@@ -5,30 +5,6 @@
 
 #include "tools/commands.h"
 
-namespace teres::tools {
-
-int report(const Error& error) {
-    std::fprintf(stderr, "teres: %s\n", error.text.c_str());
-    return static_cast<int>(error.kind);
-}
-
-CLI::App* add_verb(CLI::App& app, int& exit_code, const std::string& name, const std::string& summary,
-                   const std::string& examples, std::function<int()> run) {
-    CLI::App* verb = app.add_subcommand(name, summary);
-    verb->footer("Examples:\n" + examples);
-    verb->callback([&exit_code, run = std::move(run)] { exit_code = run(); });
-    return verb;
-}
-
-void add_settings_options(CLI::App& verb, SettingsOptions& options) {
-    verb.add_option("-c,--config", options.config_file, "Settings file (TOML)")->type_name("FILE");
-    verb.add_option("--set", options.overrides, "Override one setting; may be repeated")
-        ->type_name("SECTION.KEY=VALUE")
-        ->allow_extra_args(false);
-}
-
-}  // namespace teres::tools
-
 int main(int argc, char** argv) {
     using namespace teres::tools;
     try {

@@ -1,0 +1,58 @@
+#include "tools/commands.h"
+
+#include <cstdio>
+
+#include "core/log.h"
+
+namespace teres::tools {
+
+namespace fs = std::filesystem;
+
+int report(const Error& error) {
+    std::fprintf(stderr, "teres: %s\n", error.text.c_str());
+    return static_cast<int>(error.kind);
+}
+
+CLI::App* add_verb(CLI::App& app, int& exit_code, const std::string& name, const std::string& summary,
+                   const std::string& examples, std::function<int()> run) {
+    CLI::App* verb = app.add_subcommand(name, summary);
+    verb->footer("Examples:\n" + examples);
+    verb->callback([&exit_code, run = std::move(run)] { exit_code = run(); });
+    return verb;
+}
+
+void add_settings_options(CLI::App& verb, SettingsOptions& options) {
+    verb.add_option("-c,--config", options.config_file, "Settings file (TOML)")->type_name("FILE");
+    verb.add_option("--set", options.overrides, "Override one setting; may be repeated")
+        ->type_name("SECTION.KEY=VALUE")
+        ->allow_extra_args(false);
+}
+
+std::vector<fs::path> default_settings_files() {
+    std::vector<fs::path> files = {"/etc/teres/teres.toml"};
+    std::error_code failure;
+    const fs::path program = fs::read_symlink("/proc/self/exe", failure);
+    if (failure) return files;
+    files.push_back(program.parent_path().parent_path() / "share/teres/config/teres.toml");
+    // <tree>/build/<preset>/bin/teres
+    files.push_back(program.parent_path().parent_path().parent_path().parent_path() / "config/teres.toml");
+    return files;
+}
+
+Result<Config> read_settings(const SettingsOptions& options) {
+    fs::path file = options.config_file;
+    std::string searched;
+    for (const fs::path& candidate : default_settings_files()) {
+        std::error_code failure;
+        if (file.empty() && fs::is_regular_file(candidate, failure)) file = candidate;
+        searched += (searched.empty() ? "" : ", ") + candidate.string();
+    }
+    if (file.empty())
+        return invalid_input("no settings file: --config not given and none of " + searched + " exists");
+    TERES_TRY_ASSIGN(Config config, Config::read(file));
+    for (const std::string& assignment : options.overrides) TERES_TRY(config.set(assignment));
+    if (options.config_file.empty()) log(Level::kInfo, "config", "settings from " + file.string());
+    return config;
+}
+
+}  // namespace teres::tools
