@@ -99,21 +99,94 @@ Pack log_volume(const Gradient& F, double bulk, Gradient& P) {
     return 0.5 * bulk * log_j * log_j;
 }
 
-// Laws in principal stretches, lane by lane.
-Pack by_lane(const Material& material, PartWeights part, const Gradient& F, Gradient& P) {
-    Pack psi;
-    for (std::size_t l = 0; l < kPackLanes; ++l) {
-        Eigen::Matrix3d f, p;
-        for (int i = 0; i < 9; ++i) f.data()[i] = F.m[i][l];
-        double energy = 0.0;
-        if (!material.stress(f, part, energy, p)) {
-            energy = std::numeric_limits<double>::quiet_NaN();
-            p.setConstant(energy);
-        }
-        psi[l] = energy;
-        for (int i = 0; i < 9; ++i) P.m[i][l] = p.data()[i];
+// Eigenvalues (diagonal of A) and eigenvectors (columns of V) of a symmetric 3x3 by cyclic Jacobi rotations, all lanes
+// together; Golub & Van Loan 8.5. A: xx yy zz xy xz yz, overwritten.
+struct Symmetric {
+    Pack m[6];
+};
+
+void rotate(Pack& app, Pack& aqq, Pack& apq, Pack& arp, Pack& arq, Pack* vp, Pack* vq) {
+    // t = sign(tau)/(|tau| + sqrt(1 + tau^2)), tau = (aqq - app)/(2 apq), written without a division by apq
+    const Pack d = aqq - app, e = 2.0 * apq;
+    const Pack root = lanewise(d * d + e * e, [](double v) { return std::sqrt(v); });
+    const Pack sign = lanewise(d, [](double v) { return v < 0.0 ? -1.0 : 1.0; });
+    const Pack denominator = d * sign + root;
+    const Pack safe = lanewise(denominator, [](double v) { return v > 0.0 ? v : 1.0; });
+    const Pack t = sign * e / safe;
+    const Pack c = 1.0 / lanewise(1.0 + t * t, [](double v) { return std::sqrt(v); });
+    const Pack s = t * c;
+    app -= t * apq;
+    aqq += t * apq;
+    apq = 0.0 * apq;
+    const Pack rp = arp, rq = arq;
+    arp = c * rp - s * rq;
+    arq = s * rp + c * rq;
+    for (int k = 0; k < 3; ++k) {
+        const Pack p = vp[k], q = vq[k];
+        vp[k] = c * p - s * q;
+        vq[k] = s * p + c * q;
     }
-    return psi;
+}
+
+void jacobi(Symmetric& A, Pack V[3][3]) {
+    const Pack zero{}, one = zero + 1.0;
+    for (int i = 0; i < 3; ++i)
+        for (int k = 0; k < 3; ++k) V[i][k] = i == k ? one : zero;
+    for (int sweep = 0; sweep < 8; ++sweep) {
+        const Pack off = A.m[3] * A.m[3] + A.m[4] * A.m[4] + A.m[5] * A.m[5];
+        const Pack diagonal = A.m[0] * A.m[0] + A.m[1] * A.m[1] + A.m[2] * A.m[2];
+        bool done = true;
+        for (std::size_t l = 0; l < kPackLanes; ++l) done = done && off[l] <= 1e-34 * diagonal[l] + 1e-300;
+        if (done) break;
+        rotate(A.m[0], A.m[1], A.m[3], A.m[4], A.m[5], V[0], V[1]);
+        rotate(A.m[0], A.m[2], A.m[4], A.m[3], A.m[5], V[0], V[2]);
+        rotate(A.m[1], A.m[2], A.m[5], A.m[3], A.m[4], V[1], V[2]);
+    }
+}
+
+// Laws in principal stretches l_i: S = sum_i s_i N_i N_i^T, s_i = (1/l_i) d psi/d l_i, P = F S (material.h).
+Pack principal(const Material& material, PartWeights part, const Gradient& F, Gradient& P) {
+    const auto dot = [&](int b, int d) {
+        return F.m[3 * b] * F.m[3 * d] + F.m[3 * b + 1] * F.m[3 * d + 1] + F.m[3 * b + 2] * F.m[3 * d + 2];
+    };
+    Symmetric C{{dot(0, 0) - 1.0, dot(1, 1) - 1.0, dot(2, 2) - 1.0, dot(0, 1), dot(0, 2), dot(1, 2)}};
+    Pack N[3][3];
+    jacobi(C, N);
+    Gradient cof;
+    const Pack J = cofactors(F, cof);
+    const Pack invalid = lanewise(J, [](double j) { return j > 0.0 ? 0.0 : std::numeric_limits<double>::quiet_NaN(); });
+    Pack c[3], s[3], psi{};
+    for (int i = 0; i < 3; ++i)
+        c[i] = lanewise(C.m[i] + 1.0, [](double v) { return v > 1e-12 ? v : std::numeric_limits<double>::quiet_NaN(); });
+    if (material.law() == BodyLaw::kOgden) {
+        const double alpha = material.alpha(), G = part.shear * material.mu(), K = part.volume * material.lambda();
+        Pack log_l[3], e[3];
+        for (int i = 0; i < 3; ++i) log_l[i] = 0.5 * lanewise(c[i], [](double v) { return std::log(v); });
+        const Pack log_j = log_l[0] + log_l[1] + log_l[2];
+        for (int i = 0; i < 3; ++i)
+            e[i] = lanewise(alpha * (log_l[i] - log_j / 3.0), [](double v) { return std::exp(v); });
+        const Pack sum = e[0] + e[1] + e[2];
+        psi = 2.0 * G / (alpha * alpha) * (sum - 3.0) + 0.5 * K * log_j * log_j;
+        for (int i = 0; i < 3; ++i) s[i] = (2.0 * G / alpha * (e[i] - sum / 3.0) + K * log_j) / c[i];
+    } else {
+        const double mu = part.shear * material.mu(), lambda = part.volume * material.lambda();
+        Pack l[3];
+        for (int i = 0; i < 3; ++i) l[i] = lanewise(c[i], [](double v) { return std::sqrt(v); });
+        const Pack trace = l[0] + l[1] + l[2] - 3.0;
+        psi = 0.5 * lambda * trace * trace;
+        for (int i = 0; i < 3; ++i) {
+            psi += mu * (l[i] - 1.0) * (l[i] - 1.0);
+            s[i] = (2.0 * mu * (l[i] - 1.0) + lambda * trace) / l[i];
+        }
+    }
+    for (auto& p : P.m) p = invalid;
+    for (int i = 0; i < 3; ++i) {
+        Pack f[3];  // s_i F N_i
+        for (int a = 0; a < 3; ++a) f[a] = s[i] * (F.m[a] * N[i][0] + F.m[a + 3] * N[i][1] + F.m[a + 6] * N[i][2]);
+        for (int b = 0; b < 3; ++b)
+            for (int a = 0; a < 3; ++a) P.m[a + 3 * b] += f[a] * N[i][b];
+    }
+    return psi + invalid;
 }
 
 Pack evaluate(const Material& material, PartWeights part, const Gradient& F, Gradient& P) {
@@ -128,7 +201,7 @@ Pack evaluate(const Material& material, PartWeights part, const Gradient& F, Gra
         case BodyLaw::kCorotational:
             break;
     }
-    return by_lane(material, part, F, P);
+    return principal(material, part, F, P);
 }
 
 }  // namespace
