@@ -204,8 +204,17 @@ Pack evaluate(const Material& material, PartWeights part, const Gradient& F, Gra
     return principal(material, part, F, P);
 }
 
+// One copy per instruction set, chosen when the program is loaded; without contraction all give the same bits.
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__) && \
+    !defined(__SANITIZE_THREAD__)
+#define TERES_MULTIVERSION __attribute__((target_clones("avx2", "default"), flatten))
+#else
+#define TERES_MULTIVERSION
+#endif
+
 }  // namespace
 
+TERES_MULTIVERSION
 void add_gradient_of_points(const StrainPoints& points, const Material& material, const double* x,
                             double* gradient, double* energy, std::size_t stride) noexcept {
     for (std::size_t q = 0; q < points.size(); ++q) {

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "core/check.h"
+#include "plugins/simulation/group_correction.h"
 
 namespace teres {
 
@@ -12,11 +13,13 @@ namespace {
 constexpr int kHistory = 8;       // pairs of the quasi-Newton
 constexpr double kArmijo = 1e-4;  // sufficient decrease
 constexpr int kMaxBacktracks = 14;
+constexpr int kNarrowAfter = 10;     // iterations after which slow lanes are gathered into a narrower batch
 constexpr double kEnergyNoise = 1e-12;  // relative rounding of the potential
 }  // namespace
 
 struct EquilibriumSolver::Workspace {
     Cholesky shared;
+    GroupCorrection correction;  // the lanes' own parameters in the shared metric
     std::unique_ptr<Cholesky> own;  // for plain Newton; made on first use
     std::vector<double> values;
     Eigen::MatrixXd rhs;
@@ -26,12 +29,19 @@ struct EquilibriumSolver::Workspace {
     std::vector<int> pairs, newest;  // per lane
     std::vector<double> energy, trial_energy, slope, norm, scale, step, best_norm;
     std::vector<char> active, accepted;
+    bool stale = false;  // the last call needed many iterations: factorise anew at the start of the next
     // one lane alone, for plain Newton
     std::vector<double> lane_theta, lane_x, lane_target, lane_damping_target, lane_gradient, lane_energy,
         lane_trial;
     Positions positions;
+    // slow lanes gathered
+    std::vector<std::size_t> slow;
+    std::vector<double> narrow_x, narrow_target, narrow_theta;
+    double force_floor = 0.0;
 
-    Workspace(const MechanicalSystem& system, std::size_t max_lanes) : shared(system.pattern()) {
+    Workspace(const MechanicalSystem& system, std::size_t max_lanes)
+        : shared(system.pattern()),
+          correction(system.parts().tethers, system.parts().num_parameters, system.pattern(), max_lanes) {
         const std::size_t stride = padded_lanes(max_lanes), dofs = 3 * system.num_nodes();
         for (auto* v : {&gradient, &trial, &trial_gradient, &direction, &scratch})
             v->assign(dofs * stride, 0.0);
@@ -53,6 +63,13 @@ struct EquilibriumSolver::Workspace {
             v->assign(dofs * kPackLanes, 0.0);
         lane_energy.assign(kPackLanes, 0.0);
         positions.resize(3, static_cast<Eigen::Index>(system.num_nodes()));
+        slow.assign(stride, 0);
+        narrow_x.assign(dofs * stride, 0.0);
+        narrow_target.assign(dofs * stride, 0.0);
+        narrow_theta.assign(std::max<std::size_t>(1, system.parts().num_parameters) * stride, 0.0);
+        double volume = 0.0;
+        for (const double v : system.parts().body.points().front().volume) volume += v;
+        force_floor = 1e-5 * system.parts().body.material().mu() * std::cbrt(volume * volume);
     }
 };
 
@@ -78,14 +95,8 @@ void EquilibriumSolver::invalidate() {
     w_ = std::make_unique<Workspace>(system_, static_cast<std::size_t>(w_->rhs.cols()));
 }
 
-bool EquilibriumSolver::factorise_at(const ExternalActions& actions, const Inertia& inertia,
-                                     const double* theta, const double* x, std::size_t lane,
-                                     std::size_t stride, EquilibriumReport& report) noexcept {
+bool EquilibriumSolver::factorise_tangent(EquilibriumReport& report) noexcept {
     auto& w = *w_;
-    for (std::size_t d = 0; d < 3 * system_.num_nodes(); ++d) w.positions.data()[d] = x[d * stride + lane];
-    for (std::size_t p = 0; p < system_.parts().num_parameters; ++p)
-        w.lane_theta[p] = theta[p * stride + lane];
-    if (!system_.tangent(actions, inertia, lane, w.lane_theta.data(), w.positions, w.values)) return false;
     ++report.factorisations;
     if (w.shared.factorise(w.values)) return true;
     // Indefinite (compressed StVK, slack supports): shift the diagonal until it is a usable metric.
@@ -102,6 +113,19 @@ bool EquilibriumSolver::factorise_at(const ExternalActions& actions, const Inert
     return false;
 }
 
+bool EquilibriumSolver::factorise_at(const ExternalActions& actions, const Inertia& inertia, const double* theta,
+                                     const double* x, std::size_t lane, std::size_t stride, std::size_t lanes,
+                                     EquilibriumReport& report) noexcept {
+    auto& w = *w_;
+    for (std::size_t d = 0; d < 3 * system_.num_nodes(); ++d) w.positions.data()[d] = x[d * stride + lane];
+    for (std::size_t p = 0; p < system_.parts().num_parameters; ++p) w.lane_theta[p] = theta[p * stride + lane];
+    if (!system_.tangent(actions, inertia, lane, w.lane_theta.data(), w.positions, w.values)) return false;
+    if (!factorise_tangent(report)) return false;
+    w.correction.renew(system_.parts().tethers, w.lane_theta.data(), w.positions, w.shared);
+    w.correction.set_lanes(theta, stride, lanes);
+    return true;
+}
+
 // direction = K^-1 direction for all lanes (right-hand sides together).
 void EquilibriumSolver::apply_metric(std::size_t stride, std::size_t lanes) noexcept {
     auto& w = *w_;
@@ -116,6 +140,7 @@ void EquilibriumSolver::apply_metric(std::size_t stride, std::size_t lanes) noex
                     w.direction[(3 * i + a) * stride + l];
     }
     w.shared.solve(rhs);
+    w.correction.apply(rhs);
     for (std::size_t i = 0; i < system_.num_nodes(); ++i) {
         const auto row = pattern.free_index(static_cast<NodeIndex>(i));
         if (row < 0) continue;
@@ -126,29 +151,73 @@ void EquilibriumSolver::apply_metric(std::size_t stride, std::size_t lanes) noex
     }
 }
 
-EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const Inertia& inertia,
-                                           const double* theta, double* x, std::size_t lanes) noexcept {
+double EquilibriumSolver::force_scale(const ExternalActions& actions) const noexcept {
+    // The loads, or a small share of mu V^(2/3) when nothing pulls.
+    return std::max(actions.force_n.norm(), w_->force_floor);
+}
+
+EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const Inertia& inertia, const double* theta,
+                                           double* x, std::size_t lanes) noexcept {
     auto& w = *w_;
     EquilibriumReport report;
-    const std::size_t stride = padded_lanes(lanes), dofs = 3 * system_.num_nodes(), all = dofs * stride;
+    const std::size_t stride = padded_lanes(lanes), dofs = 3 * system_.num_nodes();
     TERES_CHECK(lanes > 0 && static_cast<Eigen::Index>(lanes) <= w.rhs.cols());
+    if (!settings_.plain_newton) {
+        Batch batch{theta, x, inertia, lanes, stride};
+        iterate(actions, batch, report);
+        // A few slow lanes go on in a narrower batch of their own.
+        std::size_t slow = 0;
+        for (std::size_t l = 0; l < lanes; ++l)
+            if (w.active[l]) w.slow[slow++] = l;
+        if (slow > 0 && padded_lanes(slow) < stride) {
+            const std::size_t narrow = padded_lanes(slow);
+            const auto from = [&](std::size_t l) { return w.slow[l < slow ? l : 0]; };
+            for (std::size_t d = 0; d < dofs; ++d)
+                for (std::size_t l = 0; l < narrow; ++l) {
+                    w.narrow_x[d * narrow + l] = x[d * stride + from(l)];
+                    if (inertia.target != nullptr) w.narrow_target[d * narrow + l] = inertia.target[d * stride + from(l)];
+                }
+            for (std::size_t p = 0; p < system_.parts().num_parameters; ++p)
+                for (std::size_t l = 0; l < narrow; ++l) w.narrow_theta[p * narrow + l] = theta[p * stride + from(l)];
+            Inertia narrow_inertia = inertia;
+            if (inertia.target != nullptr) narrow_inertia.target = w.narrow_target.data();
+            if (inertia.damping == nullptr) {  // damping keeps one matrix per lane of the wide batch: plain Newton then
+                Batch rest{w.narrow_theta.data(), w.narrow_x.data(), narrow_inertia, slow, narrow};
+                iterate(actions, rest, report);
+                const std::vector<char> still(w.active.begin(), w.active.begin() + static_cast<std::ptrdiff_t>(slow));
+                std::fill(w.active.begin(), w.active.end(), 0);
+                for (std::size_t l = 0; l < slow; ++l) {
+                    w.active[w.slow[l]] = still[l];
+                    for (std::size_t d = 0; d < dofs; ++d) x[d * stride + w.slow[l]] = w.narrow_x[d * narrow + l];
+                }
+            }
+        }
+    } else {
+        std::fill_n(w.active.begin(), lanes, 1);
+    }
+    for (std::size_t l = 0; l < lanes; ++l) {
+        if (w.active[l]) {
+            ++report.newton_lanes;
+            report.lanes_converged += newton(actions, inertia, theta, x, l, stride, report);
+        } else {
+            ++report.lanes_converged;
+        }
+    }
+    return report;
+}
+
+void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& batch, EquilibriumReport& report) noexcept {
+    auto& w = *w_;
+    const auto& [theta, x, inertia, lanes, stride] = batch;
+    const std::size_t dofs = 3 * system_.num_nodes(), all = dofs * stride;
     for (std::size_t d = 0; d < dofs; ++d)  // padding lanes follow lane 0 so that they stay harmless
         for (std::size_t l = lanes; l < stride; ++l) x[d * stride + l] = x[d * stride];
 
-    if (settings_.plain_newton) {
-        for (std::size_t l = 0; l < lanes; ++l)
-            report.lanes_converged += newton(actions, inertia, theta, x, l, stride, report);
-        return report;
-    }
-
     system_.gradient(actions, inertia, theta, x, w.gradient.data(), w.energy.data(), stride, lanes);
     lane_dot(w.gradient, w.gradient, dofs, stride, w.norm);
-    // Force scale: the loads, or a small share of mu V^(2/3) when nothing pulls.
-    const auto& parts = system_.parts();
-    double volume = 0.0;
-    for (const double v : parts.body.points().front().volume) volume += v;
-    const double floor = 1e-5 * parts.body.material().mu() * std::cbrt(volume * volume);
-    const double scale = std::max(actions.force_n.norm(), floor);
+    const double scale = force_scale(actions);
+    const int before = report.factorisations;
+    std::size_t running = lanes;
     bool any = false;
     for (std::size_t l = 0; l < stride; ++l) {
         w.norm[l] = std::sqrt(w.norm[l]);
@@ -158,20 +227,21 @@ EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const
         w.newest[l] = 0;
         any = any || w.active[l];
     }
-    if (any && !w.shared.factorised() && !factorise_at(actions, inertia, theta, x, 0, stride, report)) {
-        report.relative_residual = std::numeric_limits<double>::infinity();
-        return report;
-    }
+    if (any && w.shared.factorised() && !w.stale) w.correction.set_lanes(theta, stride, lanes);
+    if (any && (!w.shared.factorised() || w.stale) && !factorise_at(actions, inertia, theta, x, 0, stride, lanes, report))
+        return;
 
-    bool refactorised = false;
+
+    bool refactorised = report.factorisations > before;
     int iteration = 0;
     for (; any && iteration < settings_.max_iterations; ++iteration) {
-        if (iteration == settings_.refactorise_after && !refactorised) {
+        if (iteration >= kNarrowAfter && padded_lanes(running) < stride) break;  // the rest goes on in a narrower batch
+        if (iteration == 2 * settings_.refactorise_after && !refactorised) {
             // The metric is stale: renew it at the slowest lane's present state.
             std::size_t slowest = 0;
             for (std::size_t l = 0; l < lanes; ++l)
                 if (w.active[l] && (!w.active[slowest] || w.norm[l] > w.norm[slowest])) slowest = l;
-            refactorised = factorise_at(actions, inertia, theta, x, slowest, stride, report);
+            refactorised = factorise_at(actions, inertia, theta, x, slowest, stride, lanes, report);
             std::fill(w.pairs.begin(), w.pairs.end(), 0);
             if (!refactorised) break;
         }
@@ -266,18 +336,12 @@ EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const
             w.active[l] = !(w.norm[l] <= settings_.relative_residual * w.scale[l]);
             any = any || w.active[l];
         }
+        running = static_cast<std::size_t>(std::count(w.active.begin(), w.active.begin() + static_cast<std::ptrdiff_t>(lanes), 1));
     }
-    report.iterations = iteration;
-    for (std::size_t l = 0; l < lanes; ++l) {
-        if (w.active[l]) {
-            ++report.newton_lanes;
-            report.lanes_converged += newton(actions, inertia, theta, x, l, stride, report);
-        } else {
-            ++report.lanes_converged;
-            report.relative_residual = std::max(report.relative_residual, w.norm[l] / w.scale[l]);
-        }
-    }
-    return report;
+    report.iterations += iteration;
+    w.stale = iteration > settings_.refactorise_after;
+    for (std::size_t l = 0; l < lanes; ++l)
+        if (!w.active[l]) report.relative_residual = std::max(report.relative_residual, w.norm[l] / w.scale[l]);
 }
 
 bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& inertia, const double* theta,
@@ -311,10 +375,7 @@ bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& in
         theta_one[p] = theta[p * stride + lane];
         for (std::size_t l = 0; l < kPackLanes; ++l) theta_pack[p * kPackLanes + l] = theta_one[p];
     }
-    double volume = 0.0;
-    for (const double v : system_.parts().body.points().front().volume) volume += v;
-    const double scale = std::max(actions.force_n.norm(),
-                                  1e-5 * system_.parts().body.material().mu() * std::cbrt(volume * volume));
+    const double scale = force_scale(actions);
     const auto evaluate = [&](const std::vector<double>& at, double& energy) {
         system_.gradient(actions, lane_inertia, theta_pack.data(), at.data(), w.lane_gradient.data(),
                          w.lane_energy.data(), kPackLanes, 1);

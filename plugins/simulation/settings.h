@@ -25,7 +25,7 @@ struct SimulationSettings {
     double spectral_radius = 0.9;
     double relative_residual = 1e-6;
     int max_iterations = 60;
-    int refactorise_after = 14;
+    int refactorise_after = 8;
     bool plain_newton = false;
     int max_lanes = 40;
 
@@ -63,7 +63,7 @@ struct SimulationSettings {
         field("max_iterations", max_iterations, {1, 1000},
               "quasi-Newton iterations before plain Newton takes over");
         field("refactorise_after", refactorise_after, {1, 1000},
-              "iterations in one step above which the tangent is factorised anew");
+              "a step with more iterations has the tangent factorised anew before the next one");
         field("plain_newton", plain_newton, "every lane alone with full Newton: slow reference path");
         field("max_lanes", max_lanes, {1, 128}, "largest batch (sigma points) that workspaces are made for");
     }

@@ -24,14 +24,16 @@ void add_tether_gradient(const std::vector<Tether>& tethers, const double* theta
     }
 }
 
+Matrix3d tether_stiffness(const Tether& t, const Vector3d&) noexcept {
+    const Matrix3d nn = t.band.normal * t.band.normal.transpose();
+    return t.share * (nn + t.band.shear_ratio * (Matrix3d::Identity() - nn));
+}
+
 void add_tether_tangent(const std::vector<Tether>& tethers, const double* theta, const Positions& x,
                         const BlockPattern& pattern, std::vector<double>& values) noexcept {
-    (void)x;
     for (const auto& t : tethers) {
-        const double k = t.share * (t.parameter < 0 ? 1.0 : theta[static_cast<std::size_t>(t.parameter)]);
-        const Matrix3d nn = t.band.normal * t.band.normal.transpose();
-        const Matrix3d K = k * (nn + t.band.shear_ratio * (Matrix3d::Identity() - nn));
-        pattern.add(t.node, t.node, pattern.block(t.node, t.node), K, values);
+        const double k = t.parameter < 0 ? 1.0 : theta[static_cast<std::size_t>(t.parameter)];
+        pattern.add(t.node, t.node, pattern.block(t.node, t.node), k * tether_stiffness(t, x.col(t.node)), values);
     }
 }
 

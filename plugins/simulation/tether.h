@@ -37,6 +37,9 @@ struct Tether {
 void add_tether_gradient(const std::vector<Tether>& tethers, const double* theta, const double* x,
                          double* gradient, double* energy, std::size_t stride, std::size_t lanes) noexcept;
 
+/// Stiffness of one tether at theta = 1 with its node at x (3x3).
+Eigen::Matrix3d tether_stiffness(const Tether& tether, const Eigen::Vector3d& x) noexcept;
+
 /// Adds the tangent of one state; theta: one value per parameter.
 void add_tether_tangent(const std::vector<Tether>& tethers, const double* theta, const Positions& x,
                         const BlockPattern& pattern, std::vector<double>& values) noexcept;
