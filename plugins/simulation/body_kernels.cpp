@@ -99,8 +99,8 @@ Pack log_volume(const Gradient& F, double bulk, Gradient& P) {
     return 0.5 * bulk * log_j * log_j;
 }
 
-// Eigenvalues (diagonal of A) and eigenvectors (columns of V) of a symmetric 3x3 by cyclic Jacobi rotations, all lanes
-// together; Golub & Van Loan 8.5. A: xx yy zz xy xz yz, overwritten.
+// Eigenvalues (diagonal of A) and eigenvectors (columns of V) of a symmetric 3x3 by cyclic Jacobi rotations,
+// all lanes together; Golub & Van Loan 8.5. A: xx yy zz xy xz yz, overwritten.
 struct Symmetric {
     Pack m[6];
 };
@@ -154,12 +154,15 @@ Pack principal(const Material& material, PartWeights part, const Gradient& F, Gr
     jacobi(C, N);
     Gradient cof;
     const Pack J = cofactors(F, cof);
-    const Pack invalid = lanewise(J, [](double j) { return j > 0.0 ? 0.0 : std::numeric_limits<double>::quiet_NaN(); });
+    const Pack invalid =
+        lanewise(J, [](double j) { return j > 0.0 ? 0.0 : std::numeric_limits<double>::quiet_NaN(); });
     Pack c[3], s[3], psi{};
     for (int i = 0; i < 3; ++i)
-        c[i] = lanewise(C.m[i] + 1.0, [](double v) { return v > 1e-12 ? v : std::numeric_limits<double>::quiet_NaN(); });
+        c[i] = lanewise(C.m[i] + 1.0,
+                        [](double v) { return v > 1e-12 ? v : std::numeric_limits<double>::quiet_NaN(); });
     if (material.law() == BodyLaw::kOgden) {
-        const double alpha = material.alpha(), G = part.shear * material.mu(), K = part.volume * material.lambda();
+        const double alpha = material.alpha(), G = part.shear * material.mu(),
+                     K = part.volume * material.lambda();
         Pack log_l[3], e[3];
         for (int i = 0; i < 3; ++i) log_l[i] = 0.5 * lanewise(c[i], [](double v) { return std::log(v); });
         const Pack log_j = log_l[0] + log_l[1] + log_l[2];
@@ -182,7 +185,8 @@ Pack principal(const Material& material, PartWeights part, const Gradient& F, Gr
     for (auto& p : P.m) p = invalid;
     for (int i = 0; i < 3; ++i) {
         Pack f[3];  // s_i F N_i
-        for (int a = 0; a < 3; ++a) f[a] = s[i] * (F.m[a] * N[i][0] + F.m[a + 3] * N[i][1] + F.m[a + 6] * N[i][2]);
+        for (int a = 0; a < 3; ++a)
+            f[a] = s[i] * (F.m[a] * N[i][0] + F.m[a + 3] * N[i][1] + F.m[a + 6] * N[i][2]);
         for (int b = 0; b < 3; ++b)
             for (int a = 0; a < 3; ++a) P.m[a + 3 * b] += f[a] * N[i][b];
     }
@@ -204,7 +208,8 @@ Pack evaluate(const Material& material, PartWeights part, const Gradient& F, Gra
     return principal(material, part, F, P);
 }
 
-// One copy per instruction set, chosen when the program is loaded; without contraction all give the same bits.
+// One copy per instruction set, chosen when the program is loaded; without contraction all give the same
+// bits.
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__) && \
     !defined(__SANITIZE_THREAD__)
 #define TERES_MULTIVERSION __attribute__((target_clones("avx2", "default"), flatten))

@@ -159,6 +159,12 @@ void CaseModel::rest_state(std::span<double> x) const {
     TERES_CHECK(x.size() == num_state());
     std::fill(x.begin(), x.end(), 0.0);
     std::copy_n(system_->parts().X.data(), 3 * num_nodes(), x.begin());
+    if (scheme_ == TimeScheme::kGeneralisedAlpha)  // released from rest, unstrained: a = g
+        for (std::size_t i = 0; i < num_nodes(); ++i)
+            if (!system_->parts().held[i])
+                for (std::size_t a = 0; a < 3; ++a)
+                    x[6 * num_nodes() + 3 * i + a] =
+                        system_->parts().gravity_m_s2(static_cast<Eigen::Index>(a));
 }
 
 ForwardReport CaseModel::advance(const ForwardInputs& inputs, std::span<const double> theta,

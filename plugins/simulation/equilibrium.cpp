@@ -13,13 +13,13 @@ namespace {
 constexpr int kHistory = 8;       // pairs of the quasi-Newton
 constexpr double kArmijo = 1e-4;  // sufficient decrease
 constexpr int kMaxBacktracks = 14;
-constexpr int kNarrowAfter = 10;     // iterations after which slow lanes are gathered into a narrower batch
+constexpr int kNarrowAfter = 10;  // iterations after which slow lanes are gathered into a narrower batch
 constexpr double kEnergyNoise = 1e-12;  // relative rounding of the potential
 }  // namespace
 
 struct EquilibriumSolver::Workspace {
     Cholesky shared;
-    GroupCorrection correction;  // the lanes' own parameters in the shared metric
+    GroupCorrection correction;     // the lanes' own parameters in the shared metric
     std::unique_ptr<Cholesky> own;  // for plain Newton; made on first use
     std::vector<double> values;
     Eigen::MatrixXd rhs;
@@ -113,12 +113,14 @@ bool EquilibriumSolver::factorise_tangent(EquilibriumReport& report) noexcept {
     return false;
 }
 
-bool EquilibriumSolver::factorise_at(const ExternalActions& actions, const Inertia& inertia, const double* theta,
-                                     const double* x, std::size_t lane, std::size_t stride, std::size_t lanes,
+bool EquilibriumSolver::factorise_at(const ExternalActions& actions, const Inertia& inertia,
+                                     const double* theta, const double* x, std::size_t lane,
+                                     std::size_t stride, std::size_t lanes,
                                      EquilibriumReport& report) noexcept {
     auto& w = *w_;
     for (std::size_t d = 0; d < 3 * system_.num_nodes(); ++d) w.positions.data()[d] = x[d * stride + lane];
-    for (std::size_t p = 0; p < system_.parts().num_parameters; ++p) w.lane_theta[p] = theta[p * stride + lane];
+    for (std::size_t p = 0; p < system_.parts().num_parameters; ++p)
+        w.lane_theta[p] = theta[p * stride + lane];
     if (!system_.tangent(actions, inertia, lane, w.lane_theta.data(), w.positions, w.values)) return false;
     if (!factorise_tangent(report)) return false;
     w.correction.renew(system_.parts().tethers, w.lane_theta.data(), w.positions, w.shared);
@@ -156,8 +158,8 @@ double EquilibriumSolver::force_scale(const ExternalActions& actions) const noex
     return std::max(actions.force_n.norm(), w_->force_floor);
 }
 
-EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const Inertia& inertia, const double* theta,
-                                           double* x, std::size_t lanes) noexcept {
+EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const Inertia& inertia,
+                                           const double* theta, double* x, std::size_t lanes) noexcept {
     auto& w = *w_;
     EquilibriumReport report;
     const std::size_t stride = padded_lanes(lanes), dofs = 3 * system_.num_nodes();
@@ -175,20 +177,25 @@ EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const
             for (std::size_t d = 0; d < dofs; ++d)
                 for (std::size_t l = 0; l < narrow; ++l) {
                     w.narrow_x[d * narrow + l] = x[d * stride + from(l)];
-                    if (inertia.target != nullptr) w.narrow_target[d * narrow + l] = inertia.target[d * stride + from(l)];
+                    if (inertia.target != nullptr)
+                        w.narrow_target[d * narrow + l] = inertia.target[d * stride + from(l)];
                 }
             for (std::size_t p = 0; p < system_.parts().num_parameters; ++p)
-                for (std::size_t l = 0; l < narrow; ++l) w.narrow_theta[p * narrow + l] = theta[p * stride + from(l)];
+                for (std::size_t l = 0; l < narrow; ++l)
+                    w.narrow_theta[p * narrow + l] = theta[p * stride + from(l)];
             Inertia narrow_inertia = inertia;
             if (inertia.target != nullptr) narrow_inertia.target = w.narrow_target.data();
-            if (inertia.damping == nullptr) {  // damping keeps one matrix per lane of the wide batch: plain Newton then
+            if (inertia.damping ==
+                nullptr) {  // damping keeps one matrix per lane of the wide batch: plain Newton then
                 Batch rest{w.narrow_theta.data(), w.narrow_x.data(), narrow_inertia, slow, narrow};
                 iterate(actions, rest, report);
-                const std::vector<char> still(w.active.begin(), w.active.begin() + static_cast<std::ptrdiff_t>(slow));
+                const std::vector<char> still(w.active.begin(),
+                                              w.active.begin() + static_cast<std::ptrdiff_t>(slow));
                 std::fill(w.active.begin(), w.active.end(), 0);
                 for (std::size_t l = 0; l < slow; ++l) {
                     w.active[w.slow[l]] = still[l];
-                    for (std::size_t d = 0; d < dofs; ++d) x[d * stride + w.slow[l]] = w.narrow_x[d * narrow + l];
+                    for (std::size_t d = 0; d < dofs; ++d)
+                        x[d * stride + w.slow[l]] = w.narrow_x[d * narrow + l];
                 }
             }
         }
@@ -206,7 +213,8 @@ EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const
     return report;
 }
 
-void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& batch, EquilibriumReport& report) noexcept {
+void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& batch,
+                                EquilibriumReport& report) noexcept {
     auto& w = *w_;
     const auto& [theta, x, inertia, lanes, stride] = batch;
     const std::size_t dofs = 3 * system_.num_nodes(), all = dofs * stride;
@@ -228,14 +236,15 @@ void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& bat
         any = any || w.active[l];
     }
     if (any && w.shared.factorised() && !w.stale) w.correction.set_lanes(theta, stride, lanes);
-    if (any && (!w.shared.factorised() || w.stale) && !factorise_at(actions, inertia, theta, x, 0, stride, lanes, report))
+    if (any && (!w.shared.factorised() || w.stale) &&
+        !factorise_at(actions, inertia, theta, x, 0, stride, lanes, report))
         return;
-
 
     bool refactorised = report.factorisations > before;
     int iteration = 0;
     for (; any && iteration < settings_.max_iterations; ++iteration) {
-        if (iteration >= kNarrowAfter && padded_lanes(running) < stride) break;  // the rest goes on in a narrower batch
+        if (iteration >= kNarrowAfter && padded_lanes(running) < stride)
+            break;  // the rest goes on in a narrower batch
         if (iteration == 2 * settings_.refactorise_after && !refactorised) {
             // The metric is stale: renew it at the slowest lane's present state.
             std::size_t slowest = 0;
@@ -336,12 +345,14 @@ void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& bat
             w.active[l] = !(w.norm[l] <= settings_.relative_residual * w.scale[l]);
             any = any || w.active[l];
         }
-        running = static_cast<std::size_t>(std::count(w.active.begin(), w.active.begin() + static_cast<std::ptrdiff_t>(lanes), 1));
+        running = static_cast<std::size_t>(
+            std::count(w.active.begin(), w.active.begin() + static_cast<std::ptrdiff_t>(lanes), 1));
     }
     report.iterations += iteration;
     w.stale = iteration > settings_.refactorise_after;
     for (std::size_t l = 0; l < lanes; ++l)
-        if (!w.active[l]) report.relative_residual = std::max(report.relative_residual, w.norm[l] / w.scale[l]);
+        if (!w.active[l])
+            report.relative_residual = std::max(report.relative_residual, w.norm[l] / w.scale[l]);
 }
 
 bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& inertia, const double* theta,

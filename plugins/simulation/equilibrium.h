@@ -64,8 +64,7 @@ class EquilibriumSolver {
     double force_scale(const ExternalActions&) const noexcept;
     bool factorise_tangent(EquilibriumReport&) noexcept;
     bool factorise_at(const ExternalActions&, const Inertia&, const double* theta, const double* x,
-                      std::size_t lane, std::size_t stride, std::size_t lanes,
-                      EquilibriumReport&) noexcept;
+                      std::size_t lane, std::size_t stride, std::size_t lanes, EquilibriumReport&) noexcept;
     bool newton(const ExternalActions&, const Inertia&, const double* theta, double* x, std::size_t lane,
                 std::size_t stride, EquilibriumReport&) noexcept;
     void apply_metric(std::size_t stride, std::size_t lanes) noexcept;

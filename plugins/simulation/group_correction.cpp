@@ -13,7 +13,8 @@ GroupCorrection::GroupCorrection(const std::vector<Tether>& tethers, std::size_t
         Group group;
         group.parameter = p;
         for (std::size_t t = 0; t < tethers.size(); ++t)
-            if (tethers[t].parameter == static_cast<std::int32_t>(p) && pattern.free_index(tethers[t].node) >= 0) {
+            if (tethers[t].parameter == static_cast<std::int32_t>(p) &&
+                pattern.free_index(tethers[t].node) >= 0) {
                 group.tether.push_back(t);
                 group.row.push_back(3 * pattern.free_index(tethers[t].node));
             }
@@ -53,7 +54,8 @@ void GroupCorrection::renew(const std::vector<Tether>& tethers, const double* th
             const auto t = group.tether[k];
             phi.leftCols<3>() = Matrix3d::Identity();
             const Vector3d d = (x.col(tethers[t].node) - centre) / radius;
-            for (Eigen::Index m = 3; m < group.count; m += 3) phi.middleCols<3>(m) = d(m / 3 - 1) * Matrix3d::Identity();
+            for (Eigen::Index m = 3; m < group.count; m += 3)
+                phi.middleCols<3>(m) = d(m / 3 - 1) * Matrix3d::Identity();
             const Matrix3d B = tether_stiffness(tethers[t], x.col(tethers[t].node));
             const Eigen::MatrixXd u = B * phi;
             group.U.middleRows<3>(3 * static_cast<Eigen::Index>(k)) = u;
@@ -73,7 +75,8 @@ void GroupCorrection::renew(const std::vector<Tether>& tethers, const double* th
         auto block = UtW_.middleRows(group.first, group.count);
         block.setZero();
         for (std::size_t k = 0; k < group.row.size(); ++k)
-            block.noalias() += group.U.middleRows<3>(3 * static_cast<Eigen::Index>(k)).transpose() * W_.middleRows<3>(group.row[k]);
+            block.noalias() += group.U.middleRows<3>(3 * static_cast<Eigen::Index>(k)).transpose() *
+                               W_.middleRows<3>(group.row[k]);
     }
 }
 

@@ -1,11 +1,14 @@
 // Corrects the shared factorisation K0 (made at parameters theta0) for each lane's own parameters:
 //
-//   K_l = K0 + sum_p (theta_pl - theta0_p) B_p,        B_p the stiffness of the tethers of parameter p at theta_p = 1
+//   K_l = K0 + sum_p (theta_pl - theta0_p) B_p,        B_p the stiffness of the tethers of parameter p at
+//   theta_p = 1
 //
-// B_p acts on few nodes and, seen from the body, mostly on their affine motion: with Phi_p the affine modes of the nodes,
-// U_p = B_p Phi_p and G_p = Phi_p^T U_p, the part U_p G_p^-1 U_p^T <= B_p is taken exactly (Woodbury identity):
+// B_p acts on few nodes and, seen from the body, mostly on their affine motion: with Phi_p the affine modes
+// of the nodes, U_p = B_p Phi_p and G_p = Phi_p^T U_p, the part U_p G_p^-1 U_p^T <= B_p is taken exactly
+// (Woodbury identity):
 //
-//   K~_l^-1 r = y - W (I + D_l U^T W)^-1 D_l U^T y,     y = K0^-1 r, W = K0^-1 U, D_l = diag_p((theta_pl - theta0_p) G_p^-1)
+//   K~_l^-1 r = y - W (I + D_l U^T W)^-1 D_l U^T y,     y = K0^-1 r, W = K0^-1 U, D_l = diag_p((theta_pl -
+//   theta0_p) G_p^-1)
 //
 // It only serves as the metric of the quasi-Newton: what it leaves out costs iterations, never accuracy.
 #pragma once
@@ -21,12 +24,13 @@ namespace teres {
 class GroupCorrection {
   public:
     /// [setup]
-    GroupCorrection(const std::vector<Tether>& tethers, std::size_t num_parameters, const BlockPattern& pattern,
-                    std::size_t max_lanes);
+    GroupCorrection(const std::vector<Tether>& tethers, std::size_t num_parameters,
+                    const BlockPattern& pattern, std::size_t max_lanes);
 
     bool empty() const { return modes_ == 0; }
     /// [loop] After K0 was factorised at state x with parameters theta0 (one lane).
-    void renew(const std::vector<Tether>& tethers, const double* theta0, const Positions& x, Cholesky& K0) noexcept;
+    void renew(const std::vector<Tether>& tethers, const double* theta0, const Positions& x,
+               Cholesky& K0) noexcept;
     /// [loop] Prepares the lanes of one solve; theta: parameter p of lane l at p * stride + l.
     void set_lanes(const double* theta, std::size_t stride, std::size_t lanes) noexcept;
     /// [loop] Y (free rows x lanes) holds K0^-1 r and receives K~_l^-1 r.
@@ -38,7 +42,7 @@ class GroupCorrection {
         std::vector<std::size_t> tether;  // indices with free nodes
         std::vector<Eigen::Index> row;    // first free row of each
         Eigen::Index first = 0, count = 0;
-        Eigen::MatrixXd U, y;             // rows of the tethers only
+        Eigen::MatrixXd U, y;  // rows of the tethers only
     };
     std::vector<Group> groups_;
     Eigen::Index modes_ = 0;

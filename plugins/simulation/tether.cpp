@@ -33,7 +33,8 @@ void add_tether_tangent(const std::vector<Tether>& tethers, const double* theta,
                         const BlockPattern& pattern, std::vector<double>& values) noexcept {
     for (const auto& t : tethers) {
         const double k = t.parameter < 0 ? 1.0 : theta[static_cast<std::size_t>(t.parameter)];
-        pattern.add(t.node, t.node, pattern.block(t.node, t.node), k * tether_stiffness(t, x.col(t.node)), values);
+        pattern.add(t.node, t.node, pattern.block(t.node, t.node), k * tether_stiffness(t, x.col(t.node)),
+                    values);
     }
 }
 

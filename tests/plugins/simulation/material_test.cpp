@@ -52,7 +52,8 @@ TEST_P(MaterialLaw, StressIsEnergyGradient) {
     ASSERT_TRUE(m.stress(F, GetParam().part, psi, P));
     const Eigen::VectorXd f = Eigen::Map<const Eigen::VectorXd>(F.data(), 9);
     const Eigen::VectorXd expected = test::gradient(energy, f);
-    EXPECT_LT((Eigen::Map<const Eigen::VectorXd>(P.data(), 9) - expected).norm(), 1e-6 * (expected.norm() + m.mu()));
+    EXPECT_LT((Eigen::Map<const Eigen::VectorXd>(P.data(), 9) - expected).norm(),
+              1e-6 * (expected.norm() + m.mu()));
 }
 
 TEST_P(MaterialLaw, TangentIsStressDerivative) {
@@ -63,7 +64,8 @@ TEST_P(MaterialLaw, TangentIsStressDerivative) {
         EXPECT_TRUE(m.stress(Eigen::Map<const Matrix3d>(f.data()), GetParam().part, psi, P));
         return Eigen::Map<const Eigen::VectorXd>(P.data(), 9);
     };
-    for (const Matrix3d& F : {stretched(), Matrix3d(Matrix3d::Identity()), Matrix3d(Vector3d(1.1, 1.1, 0.9).asDiagonal())}) {
+    for (const Matrix3d& F :
+         {stretched(), Matrix3d(Matrix3d::Identity()), Matrix3d(Vector3d(1.1, 1.1, 0.9).asDiagonal())}) {
         double psi = 0.0;
         Matrix3d P;
         Matrix9d A;
@@ -99,13 +101,16 @@ TEST_P(MaterialLaw, BatchKernelEqualsScalarLaw) {
     std::vector<double> x(12 * stride), gradient(12 * stride, 0.0), energy(stride, 0.0);
     std::vector<Matrix3d> F(stride);
     for (std::size_t l = 0; l < stride; ++l) {
-        F[l] = Matrix3d::Identity() + 0.2 * (static_cast<double>(l) / stride) * (stretched() - 0.3 * Matrix3d::Ones());
+        F[l] = Matrix3d::Identity() +
+               0.2 * (static_cast<double>(l) / stride) * (stretched() - 0.3 * Matrix3d::Ones());
         if (l == 1) F[l] = Vector3d(1.2, 1.2, 0.8).asDiagonal();  // equal stretches
         if (l == 2) F[l] = stretched();
         for (std::size_t i = 0; i < 4; ++i) {
-            const Vector3d X = i == 0 ? Vector3d(0, 0, 0) : Vector3d(Matrix3d::Identity().col(static_cast<Eigen::Index>(i) - 1));
+            const Vector3d X = i == 0 ? Vector3d(0, 0, 0)
+                                      : Vector3d(Matrix3d::Identity().col(static_cast<Eigen::Index>(i) - 1));
             const Vector3d position = F[l] * X;
-            for (std::size_t a = 0; a < 3; ++a) x[(3 * i + a) * stride + l] = position(static_cast<Eigen::Index>(a));
+            for (std::size_t a = 0; a < 3; ++a)
+                x[(3 * i + a) * stride + l] = position(static_cast<Eigen::Index>(a));
         }
     }
     add_gradient_of_points(points, m, x.data(), gradient.data(), energy.data(), stride);
@@ -116,20 +121,25 @@ TEST_P(MaterialLaw, BatchKernelEqualsScalarLaw) {
         EXPECT_NEAR(energy[l], 1.3 / 6.0 * psi, 1e-10 * (std::abs(psi) + m.mu())) << "lane " << l;
         for (int i = 1; i < 4; ++i)
             for (int a = 0; a < 3; ++a)
-                EXPECT_NEAR(gradient[static_cast<std::size_t>(3 * i + a) * stride + l], 1.3 / 6.0 * P(a, i - 1), 1e-9 * m.mu())
+                EXPECT_NEAR(gradient[static_cast<std::size_t>(3 * i + a) * stride + l],
+                            1.3 / 6.0 * P(a, i - 1), 1e-9 * m.mu())
                     << "lane " << l;
     }
 }
 
-INSTANTIATE_TEST_SUITE_P(
-    AllLaws, MaterialLaw,
-    testing::Values(Sample{BodyLaw::kStVK, {1, 1}, "stvk"}, Sample{BodyLaw::kNeoHookean, {1, 1}, "neo_hookean"},
-                    Sample{BodyLaw::kOgden, {1, 1}, "ogden"}, Sample{BodyLaw::kCorotational, {1, 1}, "corotational"},
-                    Sample{BodyLaw::kStVK, {0.5, 0}, "stvk_shear"}, Sample{BodyLaw::kOgden, {0.5, 0}, "ogden_shear"},
-                    Sample{BodyLaw::kOgden, {0, 1}, "ogden_volume"}, Sample{BodyLaw::kNeoHookean, {0.3, 1}, "neo_blend"}),
-    [](const auto& test_case) { return test_case.param.name; });
+INSTANTIATE_TEST_SUITE_P(AllLaws, MaterialLaw,
+                         testing::Values(Sample{BodyLaw::kStVK, {1, 1}, "stvk"},
+                                         Sample{BodyLaw::kNeoHookean, {1, 1}, "neo_hookean"},
+                                         Sample{BodyLaw::kOgden, {1, 1}, "ogden"},
+                                         Sample{BodyLaw::kCorotational, {1, 1}, "corotational"},
+                                         Sample{BodyLaw::kStVK, {0.5, 0}, "stvk_shear"},
+                                         Sample{BodyLaw::kOgden, {0.5, 0}, "ogden_shear"},
+                                         Sample{BodyLaw::kOgden, {0, 1}, "ogden_volume"},
+                                         Sample{BodyLaw::kNeoHookean, {0.3, 1}, "neo_blend"}),
+                         [](const auto& test_case) { return test_case.param.name; });
 
-// Ogden, uniaxial, incompressible limit (K = 1e5 G): nominal stress = (2 G/alpha)(l^(alpha-1) - l^(-alpha/2-1)).
+// Ogden, uniaxial, incompressible limit (K = 1e5 G): nominal stress = (2 G/alpha)(l^(alpha-1) -
+// l^(-alpha/2-1)).
 TEST(Material, OgdenUniaxialMatchesClosedForm) {
     BodyData b = body(BodyLaw::kOgden);
     b.bulk_modulus_pa = 1e5 * b.shear_modulus_pa;
