@@ -81,6 +81,10 @@ std::string absolute_path(const std::string& text, const std::filesystem::path& 
 
 }  // namespace
 
+std::span<const teres_setting> service_table() {
+    return sdk::UnitAdapter<ServiceUnit>::lister().list;
+}
+
 std::string closest_name(const std::string& given, std::span<const std::string> candidates) {
     std::string best;
     std::size_t best_distance = std::max<std::size_t>(2, given.size() / 3) + 1;
@@ -204,7 +208,6 @@ Result<std::vector<std::string>> Config::read_list(const std::string& key,
 }
 
 Status Config::read_service() {
-    using Adapter = sdk::UnitAdapter<ServiceUnit>;
     TERES_TRY_ASSIGN(service_.drivers, read_list("drivers", ServiceSettings{}.drivers));
     TERES_TRY_ASSIGN(service_.plugins, read_list("plugins", ServiceSettings{}.plugins));
     std::set<std::string> seen;
@@ -220,7 +223,7 @@ Status Config::read_service() {
     section.erase("plugins");
     // `case` of [service] itself must not be taken for its own default.
     scalars.service_.case_folder.clear();
-    TERES_TRY_ASSIGN(const ResolvedSettings resolved, scalars.resolve("service", Adapter::lister().list));
+    TERES_TRY_ASSIGN(const ResolvedSettings resolved, scalars.resolve("service", service_table()));
     sdk::SettingFiller filler(resolved.values);
     service_.visit(filler);
     return {};

@@ -109,6 +109,9 @@ class Config {
     std::map<std::string, std::string> section_places_;
 };
 
+/// Table of [service], without the lists `drivers` and `plugins`.
+std::span<const teres_setting> service_table();
+
 /// The candidate that a typing error most likely meant, or empty.
 std::string closest_name(const std::string& given, std::span<const std::string> candidates);
 

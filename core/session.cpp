@@ -88,30 +88,43 @@ std::filesystem::path dated(const std::filesystem::path& pattern) {
     return size > 0 ? std::filesystem::path(std::string(text, size)) : pattern;
 }
 
-}  // namespace
+struct LoadedUnits {
+    std::vector<LoadedUnit> plugins, drivers;
+};
 
-Result<std::unique_ptr<Session>> Session::open(const Config& config) {
+Result<LoadedUnits> load_all(const Config& config) {
     const ServiceSettings& settings = config.service();
     const auto folders = plugin_folders(settings.plugin_folder);
-    // Plugins before the bus: its threads must not be there when a probe forks.
-    TERES_TRY_ASSIGN(std::vector<LoadedUnit> plugins,
-                     load_units(config, settings.plugins, TERES_UNIT_PLUGIN, folders));
-    TERES_TRY_ASSIGN(std::vector<LoadedUnit> drivers,
-                     load_units(config, settings.drivers, TERES_UNIT_DRIVER, folders));
+    LoadedUnits units;
+    TERES_TRY_ASSIGN(units.plugins, load_units(config, settings.plugins, TERES_UNIT_PLUGIN, folders));
+    TERES_TRY_ASSIGN(units.drivers, load_units(config, settings.drivers, TERES_UNIT_DRIVER, folders));
     std::set<std::string> used;
-    for (const auto* list : {&plugins, &drivers})
+    for (const auto* list : {&units.plugins, &units.drivers})
         for (const LoadedUnit& unit : *list)
             if (!used.insert(unit.factory->id).second)
                 return invalid_input(std::string("unit ") + unit.factory->id +
                                      " is named twice in [service]");
     TERES_TRY(check_other_sections(config, used, folders));
+    return units;
+}
 
+}  // namespace
+
+Status Session::check(const Config& config) {
+    TERES_TRY(load_all(config));
+    return {};
+}
+
+Result<std::unique_ptr<Session>> Session::open(const Config& config) {
+    const ServiceSettings& settings = config.service();
+    // Plugins before the bus: its threads must not be there when a probe forks.
+    TERES_TRY_ASSIGN(LoadedUnits units, load_all(config));
     std::unique_ptr<Session> session(new Session(settings));
     session->opened_us_ = monotonic_us();
     TERES_TRY_ASSIGN(session->bus_, Bus::open(settings.bus_url));
     TERES_TRY(session->open_recorder());
-    for (auto* list : {&plugins, &drivers}) {
-        auto& hosted = list == &plugins ? session->plugins_ : session->drivers_;
+    for (auto* list : {&units.plugins, &units.drivers}) {
+        auto& hosted = list == &units.plugins ? session->plugins_ : session->drivers_;
         for (LoadedUnit& loaded : *list) {
             TERES_TRY_ASSIGN(auto unit, HostedUnit::create(*loaded.factory, *session));
             hosted.push_back(std::move(unit));

@@ -40,6 +40,8 @@ class Session final : private UnitServices {
     /// [setup] Errors: unknown section or setting, a plugin that cannot be loaded, a bus that cannot be
     /// opened, a unit that refuses its settings. Nothing is left behind on failure.
     static Result<std::unique_ptr<Session>> open(const Config& config);
+    /// [setup] Only the first part of open: loads every plugin in use and checks every section.
+    static Status check(const Config& config);
     ~Session();
     Session(const Session&) = delete;
     Session& operator=(const Session&) = delete;

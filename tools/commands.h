@@ -36,7 +36,9 @@ Result<Config> read_settings(const SettingsOptions& options);
 /// was built in.
 std::vector<std::filesystem::path> default_settings_files();
 
+void add_doctor_command(CLI::App& app, int& exit_code);
 void add_run_command(CLI::App& app, int& exit_code);
 void add_score_command(CLI::App& app, int& exit_code);
+void add_settings_command(CLI::App& app, int& exit_code);
 
 }  // namespace teres::tools

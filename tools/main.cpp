@@ -17,6 +17,8 @@ int main(int argc, char** argv) {
             "Exit codes: 0 done, 1 ran but the result is not usable, 2 wrong usage or input, 3 host or "
             "device fault.");
         add_run_command(app, exit_code);
+        add_settings_command(app, exit_code);
+        add_doctor_command(app, exit_code);
         add_score_command(app, exit_code);
         try {
             app.parse(argc, argv);

@@ -1,0 +1,320 @@
+#include "tools/host_checks.h"
+
+#include <arpa/inet.h>
+#include <fcntl.h>
+#include <ifaddrs.h>
+#include <linux/videodev2.h>
+#include <net/if.h>
+#include <sys/ioctl.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <optional>
+
+#include "core/bus.h"
+#include "core/case/case_reader.h"
+#include "core/plugin_host.h"
+#include "core/session.h"
+
+namespace teres::tools {
+namespace {
+
+namespace fs = std::filesystem;
+
+// LCM's default group; the route to it decides whether udpm:// works and whether packets leave the machine.
+constexpr const char* kGroup = "239.255.76.67";
+constexpr const char* kLoopbackRemedy = "ip link set lo multicast on; ip route add 239.255.76.67/32 dev lo";
+constexpr long kMinRmemMax = 16L << 20, kRmemMax = 33554432, kMinRmemDefault = 4L << 20;
+constexpr long kMaxIpfragTime = 5, kMinIpfragThreshold = 134217728;
+constexpr int kWantedReceiveBuffer = 16 << 20;
+
+Check ok(const std::string& name, const std::string& found) {
+    return {name, CheckState::kOk, found, ""};
+}
+Check warn(const std::string& name, const std::string& found, const std::string& remedy) {
+    return {name, CheckState::kWarn, found, remedy};
+}
+Check fail(const std::string& name, const std::string& found, const std::string& remedy) {
+    return {name, CheckState::kFail, found, remedy};
+}
+
+// Closes with the scope.
+class Descriptor {
+  public:
+    explicit Descriptor(int fd) : fd_(fd) {}
+    ~Descriptor() {
+        if (fd_ >= 0) close(fd_);
+    }
+    Descriptor(const Descriptor&) = delete;
+    Descriptor& operator=(const Descriptor&) = delete;
+    int get() const { return fd_; }
+
+  private:
+    int fd_;
+};
+
+std::optional<long> read_sysctl(const HostView& host, const std::string& key) {
+    std::string path = key;
+    std::replace(path.begin(), path.end(), '.', '/');
+    std::ifstream stream(host.proc / "sys" / path);
+    long value = 0;
+    if (!(stream >> value)) return std::nullopt;
+    return value;
+}
+
+Check check_sysctl(const HostView& host, const std::string& key, long bound, bool at_least, long set_to,
+                   const std::string& why) {
+    const auto value = read_sysctl(host, key);
+    const std::string remedy =
+        "sysctl -w " + key + "=" + std::to_string(set_to) + " (and in /etc/sysctl.d): " + why;
+    if (!value) return warn(key, "cannot be read", remedy);
+    const bool good = at_least ? *value >= bound : *value <= bound;
+    if (good) return ok(key, std::to_string(*value));
+    return warn(key, std::to_string(*value) + (at_least ? ", below " : ", above ") + std::to_string(bound),
+                remedy);
+}
+
+// Name of the interface that has this address.
+std::string interface_of(const in_addr& address) {
+    ifaddrs* all = nullptr;
+    if (getifaddrs(&all) != 0) return "?";
+    std::string name = "?";
+    for (const ifaddrs* at = all; at != nullptr; at = at->ifa_next) {
+        if (at->ifa_addr == nullptr || at->ifa_addr->sa_family != AF_INET) continue;
+        if (reinterpret_cast<const sockaddr_in*>(at->ifa_addr)->sin_addr.s_addr == address.s_addr)
+            name = at->ifa_name;
+    }
+    freeifaddrs(all);
+    return name;
+}
+
+Check check_route(bool needed) {
+    const std::string name = "multicast route";
+    const Descriptor socket_fd(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+    sockaddr_in group{};
+    group.sin_family = AF_INET;
+    group.sin_port = htons(7667);
+    inet_pton(AF_INET, kGroup, &group.sin_addr);
+    if (connect(socket_fd.get(), reinterpret_cast<const sockaddr*>(&group), sizeof(group)) != 0) {
+        const std::string found = std::string("none to ") + kGroup + " (" + std::strerror(errno) + ")";
+        return needed ? fail(name, found, kLoopbackRemedy)
+                      : warn(name, found + "; memq:// does not need it", kLoopbackRemedy);
+    }
+    sockaddr_in own{};
+    socklen_t size = sizeof(own);
+    getsockname(socket_fd.get(), reinterpret_cast<sockaddr*>(&own), &size);
+    const std::string interface = interface_of(own.sin_addr);
+    if (interface == "lo") return ok(name, std::string(kGroup) + " by lo");
+    return warn(name, std::string(kGroup) + " by " + interface + ": only ttl=0 keeps packets on this machine",
+                kLoopbackRemedy);
+}
+
+Check check_receive_buffer() {
+    const std::string name = "receive buffer";
+    const Descriptor socket_fd(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+    int wanted = kWantedReceiveBuffer, got = 0;
+    socklen_t size = sizeof(got);
+    if (setsockopt(socket_fd.get(), SOL_SOCKET, SO_RCVBUF, &wanted, sizeof(wanted)) != 0 ||
+        getsockopt(socket_fd.get(), SOL_SOCKET, SO_RCVBUF, &got, &size) != 0)
+        return warn(name, std::strerror(errno), "see socket(7), SO_RCVBUF");
+    got /= 2;  // the kernel reports twice the size, socket(7)
+    const std::string found = "asked for " + std::to_string(wanted) + " bytes, got " + std::to_string(got);
+    if (got >= wanted) return ok(name, found);
+    return warn(name, found + " (capped)", "sysctl -w net.core.rmem_max=" + std::to_string(kRmemMax));
+}
+
+// One megabyte there and back over the configured bus: the size of an image.
+Check check_bus(const std::string& url) {
+    const std::string name = "bus " + url;
+    auto bus = Bus::open(url);
+    if (!bus) return fail(name, bus.error().text, kLoopbackRemedy);
+    const std::string channel = "TERES_DOCTOR_" + std::to_string(getpid());
+    const std::vector<std::uint8_t> sent(1 << 20, 0x5a);
+    bool back = false;
+    const Status heard = bus->subscribe(
+        channel, sent.size(), [&](std::string_view, std::span<const std::uint8_t> data, std::int64_t) {
+            back = std::equal(data.begin(), data.end(), sent.begin(), sent.end());
+        });
+    if (!heard) return fail(name, heard.error().text, kLoopbackRemedy);
+    const auto begin = std::chrono::steady_clock::now();
+    const auto passed_ms = [&] {
+        return std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::steady_clock::now() - begin)
+            .count();
+    };
+    // A few attempts: the group may take a moment to be joined.
+    for (int attempt = 0; attempt < 3 && !back; ++attempt) {
+        bus->publish(channel, sent);
+        for (int wait = 0; wait < 20 && !back; ++wait) bus->dispatch(50);
+    }
+    if (back) return ok(name, "1 MiB there and back in " + std::to_string(passed_ms()) + " ms");
+    return fail(name, "1 MiB was published but did not come back",
+                "look at the receive buffer above, and for a firewall rule on udp port 7667");
+}
+
+Check check_folder_for(const fs::path& file) {
+    const std::string name = "recording";
+    const fs::path folder = file.parent_path();
+    if (access(folder.c_str(), W_OK | X_OK) != 0)
+        return fail(name, folder.string() + ": " + std::strerror(errno),
+                    "create the folder and let the service's user write to it");
+    std::error_code failure;
+    const auto space = fs::space(folder, failure);
+    const double free_gb = failure ? 0.0 : static_cast<double>(space.available) / 1e9;
+    char found[64];
+    std::snprintf(found, sizeof(found), "%.1f GB free in ", free_gb);
+    // Raw colour and depth write 46 MB/s: 5 GB is two minutes.
+    if (free_gb < 5.0) return warn(name, found + folder.string(), "free space, or set service.record_max_mb");
+    return ok(name, found + folder.string());
+}
+
+}  // namespace
+
+const char* state_word(CheckState state) {
+    return state == CheckState::kOk ? "ok" : state == CheckState::kWarn ? "warn" : "fail";
+}
+
+std::vector<Check> check_settings(const Config& config) {
+    std::vector<Check> checks;
+    const ServiceSettings& settings = config.service();
+    const auto folders = plugin_folders(settings.plugin_folder);
+    std::vector<std::string> used = settings.drivers;
+    used.insert(used.end(), settings.plugins.begin(), settings.plugins.end());
+    std::vector<std::string> all = used;
+    for (const std::string& id : available_plugins(folders))
+        if (std::find(all.begin(), all.end(), id) == all.end()) all.push_back(id);
+    for (const std::string& id : all) {
+        const bool in_use = std::find(used.begin(), used.end(), id) != used.end();
+        const std::string name = "plugin " + id;
+        const auto file = find_plugin(id, folders);
+        const auto plugin = file ? load_plugin(*file) : tl::unexpected(file.error());
+        std::error_code failure;
+        if (!plugin) {
+            checks.push_back({name, in_use ? CheckState::kFail : CheckState::kWarn, plugin.error().text,
+                              "install a version that fits, or take it out of [service]"});
+        } else if ((fs::status(*file, failure).permissions() & fs::perms::others_write) != fs::perms::none) {
+            checks.push_back(
+                warn(name, file->string() + " can be written by everybody", "chmod o-w " + file->string()));
+        } else {
+            checks.push_back(ok(name, plugin->version + ", API " + std::to_string(plugin->api_major) + "." +
+                                          std::to_string(plugin->api_minor) +
+                                          (in_use ? "" : ", not in use")));
+        }
+    }
+    if (const Status sound = Session::check(config); sound)
+        checks.push_back(ok("settings", "every section and key is known and within its range"));
+    else
+        checks.push_back(
+            fail("settings", sound.error().text, "correct it; `teres settings` lists what there is"));
+
+    if (!settings.case_folder.empty()) {
+        const auto read = read_case(settings.case_folder);
+        if (read)
+            checks.push_back(ok("case", settings.case_folder.string() + ": " +
+                                            std::to_string(read->mesh.tets.size()) + " tetrahedra, " +
+                                            std::to_string(read->markers.size()) + " markers, " +
+                                            std::to_string(read->num_frames) + " frames"));
+        else
+            checks.push_back(fail("case", read.error().text, "correct the case folder or service.case"));
+    }
+    if (!settings.record_to.empty()) checks.push_back(check_folder_for(settings.record_to));
+    return checks;
+}
+
+std::vector<Check> check_network(const Config& config, const HostView& host) {
+    const bool udpm = config.service().bus_url.starts_with("udpm://");
+    std::vector<Check> checks;
+    checks.push_back(check_route(udpm));
+    checks.push_back(check_sysctl(host, "net.core.rmem_max", kMinRmemMax, true, kRmemMax,
+                                  "image messages are lost otherwise"));
+    checks.push_back(check_sysctl(host, "net.core.rmem_default", kMinRmemDefault, true, kMinRmemDefault,
+                                  "for LCM tools that set no buffer of their own"));
+    checks.push_back(check_receive_buffer());
+    checks.push_back(check_sysctl(host, "net.ipv4.ipfrag_time", kMaxIpfragTime, false, 2,
+                                  "one lost frame in a thousand otherwise blocks reassembly for 30 s"));
+    checks.push_back(check_sysctl(host, "net.ipv4.ipfrag_high_thresh", kMinIpfragThreshold, true,
+                                  kMinIpfragThreshold, "room for image messages in reassembly"));
+    if (udpm || config.service().bus_url.starts_with("memq://"))
+        checks.push_back(check_bus(config.service().bus_url));
+    return checks;
+}
+
+std::vector<Check> check_devices(const Config& config, const HostView& host) {
+    const auto& drivers = config.service().drivers;
+    const bool needed = std::find(drivers.begin(), drivers.end(), "camera") != drivers.end();
+    std::vector<fs::path> nodes;
+    std::error_code failure;
+    for (fs::directory_iterator at(host.dev, failure), end; !failure && at != end; at.increment(failure))
+        if (at->path().filename().string().starts_with("video")) nodes.push_back(at->path());
+    std::sort(nodes.begin(), nodes.end());
+    if (nodes.empty()) {
+        if (needed) return {fail("video devices", "none", "connect the camera; look at dmesg and lsusb")};
+        return {ok("video devices", "none (no camera driver in use)")};
+    }
+    std::vector<Check> checks;
+    for (const fs::path& node : nodes) {
+        const std::string name = "video " + node.filename().string();
+        const Descriptor device(open(node.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC));
+        v4l2_capability capability{};
+        if (device.get() < 0) {
+            const std::string remedy =
+                errno == EACCES ? "usermod -aG video USER, or SupplementaryGroups=video in the unit"
+                                : "is the camera still connected?";
+            checks.push_back(
+                {name, needed ? CheckState::kFail : CheckState::kWarn, std::strerror(errno), remedy});
+        } else if (ioctl(device.get(), VIDIOC_QUERYCAP, &capability) != 0) {
+            checks.push_back(warn(name, "is not a video device", "look at dmesg"));
+        } else {
+            const auto* card = reinterpret_cast<const char*>(capability.card);
+            checks.push_back(ok(name, std::string(card, strnlen(card, sizeof(capability.card)))));
+        }
+    }
+    return checks;
+}
+
+std::vector<Check> check_process(const Config& config) {
+    std::vector<Check> checks;
+    rlimit limit{};
+    getrlimit(RLIMIT_MEMLOCK, &limit);
+    const bool unlimited = limit.rlim_cur == RLIM_INFINITY || geteuid() == 0;
+    const std::string found = unlimited ? "no limit" : std::to_string(limit.rlim_cur / 1024) + " KiB";
+    if (unlimited || !config.service().lock_memory)
+        checks.push_back(ok("locked memory",
+                            found + (config.service().lock_memory ? "" : " (service.lock_memory is false)")));
+    else
+        checks.push_back(fail("locked memory", found,
+                              "LimitMEMLOCK=infinity in the unit, or service.lock_memory = false"));
+
+    const char* notify = std::getenv("NOTIFY_SOCKET");
+    const char* watchdog = std::getenv("WATCHDOG_USEC");
+    if (notify == nullptr) {
+        checks.push_back(ok("service manager", "not started by one"));
+    } else if (watchdog == nullptr) {
+        checks.push_back(
+            warn("service manager", "notified, but without a watchdog", "WatchdogSec=2 in the unit"));
+    } else {
+        char* end = nullptr;
+        const long long usec = std::strtoll(watchdog, &end, 10);
+        if (*watchdog == '\0' || *end != '\0' || usec <= 0)
+            checks.push_back(fail("service manager",
+                                  std::string("WATCHDOG_USEC = '") + watchdog + "' is no time",
+                                  "WatchdogSec=2 in the unit"));
+        else if (!config.service().watchdog)
+            checks.push_back(fail("service manager",
+                                  "it watches, but service.watchdog is false: the service would be killed",
+                                  "service.watchdog = true"));
+        else
+            checks.push_back(ok("service manager", "watchdog every " + std::to_string(usec / 1000) + " ms"));
+    }
+    return checks;
+}
+
+}  // namespace teres::tools
