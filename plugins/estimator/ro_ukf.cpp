@@ -56,8 +56,10 @@ void RoUkf::shift_parameters(const VectorXd& delta) {
     mean_.tail(num_parameters()) += delta;
 }
 
-const MatrixXd& RoUkf::sigma_points() {
-    X_.noalias() = A_ * points_.unit;
+const MatrixXd& RoUkf::sigma_points(double spread) {
+    TERES_CHECK(spread > 0.0);
+    spread_ = spread;
+    X_.noalias() = spread * A_ * points_.unit;
     X_.colwise() += mean_;
     return X_;
 }
@@ -65,13 +67,15 @@ const MatrixXd& RoUkf::sigma_points() {
 void RoUkf::predict(const Eigen::Ref<const MatrixXd>& X) {
     TERES_CHECK(X.rows() == mean_.size() && X.cols() == num_points());
     mean_.noalias() = X * points_.weights;
-    A_.noalias() = (X.colwise() - mean_) * points_.weights.asDiagonal() * points_.unit.transpose();
+    A_.noalias() =
+        (X.colwise() - mean_) * (points_.weights / spread_).asDiagonal() * points_.unit.transpose();
 }
 
 Innovation RoUkf::innovation(const VectorXd& z, const Eigen::Ref<const MatrixXd>& Z) const {
     TERES_CHECK(Z.rows() == z.size() && Z.cols() == num_points());
     const VectorXd z_mean = Z * points_.weights;
-    return {z - z_mean, (Z.colwise() - z_mean) * points_.weights.asDiagonal() * points_.unit.transpose()};
+    return {z - z_mean,
+            (Z.colwise() - z_mean) * (points_.weights / spread_).asDiagonal() * points_.unit.transpose()};
 }
 
 Correction RoUkf::correct(const Innovation& innovation, const VectorXd& noise_variance,

@@ -51,8 +51,10 @@ class RoUkf {
     /// theta += delta, and the state with it along G (used to put the mean back between bounds).
     void shift_parameters(const Eigen::VectorXd& delta);
 
-    /// Columns mean + A I_i. Valid until the next call of sigma_points().
-    const Eigen::MatrixXd& sigma_points();
+    /// Columns mean + spread A I_i. Valid until the next call of sigma_points(). A spread below 1 keeps the
+    /// points where a stiff model still converges (the scaled transform); predict and innovation divide it
+    /// out again.
+    const Eigen::MatrixXd& sigma_points(double spread = 1.0);
     /// X: the sigma points after the model, n x r.  mean = sum w_i X_i,  A = sum w_i (X_i - mean) I_i^T
     void predict(const Eigen::Ref<const Eigen::MatrixXd>& X);
 
@@ -82,6 +84,7 @@ class RoUkf {
     Eigen::VectorXd mean_;
     Eigen::MatrixXd A_;
     Eigen::MatrixXd X_;
+    double spread_ = 1.0;
 };
 
 }  // namespace teres

@@ -32,10 +32,12 @@ void Ukf::shift_mean(const VectorXd& delta) {
     D_.resize(0, 0);
 }
 
-const MatrixXd& Ukf::sigma_points() {
+const MatrixXd& Ukf::sigma_points(double spread) {
+    TERES_CHECK(spread > 0.0);
+    spread_ = spread;
     const VectorXd root_weights = points_.weights.cwiseSqrt();
     const MatrixXd deviations = S_ * points_.unit;
-    X_ = deviations.colwise() + mean_;
+    X_ = (spread * deviations).colwise() + mean_;
     D_ = deviations * root_weights.asDiagonal();
     return X_;
 }
@@ -43,14 +45,14 @@ const MatrixXd& Ukf::sigma_points() {
 void Ukf::predict(const Eigen::Ref<const MatrixXd>& X) {
     TERES_CHECK(X.rows() == size() && X.cols() == num_points());
     mean_ = X * points_.weights;
-    D_ = (X.colwise() - mean_) * points_.weights.cwiseSqrt().asDiagonal();
+    D_ = (X.colwise() - mean_) * (points_.weights.cwiseSqrt() / spread_).asDiagonal();
     S_ = lower_root_of_gram(D_.transpose());
 }
 
 Innovation Ukf::innovation(const VectorXd& z, const Eigen::Ref<const MatrixXd>& Z) const {
     TERES_CHECK(Z.rows() == z.size() && Z.cols() == num_points());
     const VectorXd z_mean = Z * points_.weights;
-    return {z - z_mean, (Z.colwise() - z_mean) * points_.weights.cwiseSqrt().asDiagonal()};
+    return {z - z_mean, (Z.colwise() - z_mean) * (points_.weights.cwiseSqrt() / spread_).asDiagonal()};
 }
 
 Correction Ukf::correct(const Innovation& innovation, const VectorXd& noise_variance,

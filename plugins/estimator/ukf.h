@@ -38,8 +38,10 @@ class Ukf {
     void scale_covariance(const Eigen::VectorXd& factor);  ///< P <- D P D, D = diag(factor)
     void shift_mean(const Eigen::VectorXd& delta);
 
-    /// Columns mean + S I_i. Valid until the next call of sigma_points().
-    const Eigen::MatrixXd& sigma_points();
+    /// Columns mean + spread S I_i. Valid until the next call of sigma_points(). A spread below 1 keeps the
+    /// points where a stiff model still converges (the scaled transform); predict and innovation divide it
+    /// out again.
+    const Eigen::MatrixXd& sigma_points(double spread = 1.0);
     /// X: the sigma points after the model, n x r. Covariance from the points about their mean.
     void predict(const Eigen::Ref<const Eigen::MatrixXd>& X);
 
@@ -59,6 +61,7 @@ class Ukf {
     Eigen::MatrixXd S_;  // lower triangular
     Eigen::MatrixXd X_;
     Eigen::MatrixXd D_;  // sqrt(w_i) (X_i - mean), n x r; empty when S_ has changed since
+    double spread_ = 1.0;
 };
 
 }  // namespace teres

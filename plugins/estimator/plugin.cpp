@@ -1,0 +1,244 @@
+// Unit `estimator`: TOOL_LOADS and MARKERS in; BOUNDARY_ESTIMATE, LIVER_STATE and INNOVATION out, one of each
+// per frame, stamped with the capture time of the frame and nothing else, so that a replay gives the same
+// bytes.
+#include <cmath>
+#include <deque>
+#include <memory>
+#include <optional>
+
+#include "core/plugin_sdk.h"
+#include "plugins/estimator/boundary_estimator.h"
+#include "plugins/estimator/load_book.h"
+#include "plugins/estimator/settings.h"
+#include "teres/boundary_estimate_t.hpp"
+#include "teres/innovation_t.hpp"
+#include "teres/liver_state_t.hpp"
+#include "teres/markers_t.hpp"
+#include "teres/tool_loads_t.hpp"
+
+namespace teres {
+namespace {
+
+constexpr std::size_t kMaxMessageBytes = 1 << 20;
+
+}  // namespace
+
+class EstimatorPlugin final : public Unit {
+  public:
+    using Settings = EstimatorSettings;
+    Settings settings;
+
+    explicit EstimatorPlugin(Host host) : host_(std::move(host)) {}
+
+    Status configure() override {
+        TERES_TRY_ASSIGN(options_, settings.options());
+        return {};
+    }
+
+    Status start() override {
+        model_ = host_.extension<ForwardModel>();
+        if (model_ == nullptr)
+            return invalid_input(
+                "estimator: no unit before it offers teres.forward_model/1; name [simulation] above "
+                "[estimator]");
+        auto estimator = BoundaryEstimator::make(*model_, options_);
+        if (!estimator) return invalid_input("estimator: " + estimator.error().text);
+        estimator_.emplace(std::move(*estimator));
+        loads_.emplace(*model_);
+        queue_.clear();
+        prepare_messages();
+        if (subscribed_) return {};
+        TERES_TRY(host_.subscribe<tool_loads_t>(
+            "TOOL_LOADS", kMaxMessageBytes, [this](const tool_loads_t& m, std::int64_t) { take_loads(m); }));
+        TERES_TRY(host_.subscribe<markers_t>("MARKERS", kMaxMessageBytes,
+                                             [this](const markers_t& m, std::int64_t) { take_markers(m); }));
+        subscribed_ = true;
+        return {};
+    }
+
+    teres_step_outcome step(std::int64_t) noexcept override {
+        if (!estimator_) return TERES_STEP_IDLE;
+        if (!queue_.empty()) {
+            const markers_t frame = std::move(queue_.front());
+            queue_.pop_front();
+            return work(frame);
+        }
+        // Loads keep coming but no markers: go on as a prediction, at the time of the loads.
+        const auto stale_us = static_cast<std::int64_t>(1e6 * settings.stale_after_s);
+        if (estimator_->started() && loads_->newest_us() >= estimator_->stamp_us() + stale_us) {
+            markers_t none;
+            none.header.capture_stamp_us = loads_->newest_us();
+            none.header.frame_id = estimate_.header.frame_id;
+            none.num_markers = 0;
+            return work(none);
+        }
+        return TERES_STEP_IDLE;
+    }
+
+    void stop() override {
+        // The model belongs to a unit that may be gone before the next start.
+        estimator_.reset();
+        loads_.reset();
+        model_ = nullptr;
+    }
+
+  private:
+    void take_loads(const tool_loads_t& message) {
+        if (!loads_) return;
+        const auto unknown_before = loads_->num_unknown();
+        if (loads_->add(message) != LoadBook::Entry::kTaken)
+            warn_once(loads_warned_, "TOOL_LOADS refused: a force is not finite or time went backwards");
+        if (unknown_before == 0 && loads_->num_unknown() > 0)
+            warn_once(names_warned_, "TOOL_LOADS names '" + loads_->first_unknown() +
+                                         "', which the case does not have: ignored");
+    }
+
+    void take_markers(const markers_t& message) {
+        if (!estimator_) return;
+        if (queue_.size() >= static_cast<std::size_t>(settings.max_queue)) {
+            queue_.pop_front();
+            warn_once(queue_warned_,
+                      "marker frames arrive faster than they are worked through: oldest dropped");
+            overflowed_ = true;
+        }
+        queue_.push_back(message);
+    }
+
+    teres_step_outcome work(const markers_t& m) noexcept {
+        const MarkerFrame frame{m.header.capture_stamp_us, m.marker_id, m.x_m, m.y_m, m.z_m, m.sigma_m};
+        const std::int64_t unknown_before = estimator_->counters().markers_unknown;
+        const FrameOutcome outcome = estimator_->step(frame, loads_->at(frame.stamp_us));
+        if (outcome == FrameOutcome::kRefused) {
+            warn_once(time_warned_, "MARKERS refused: time does not go forwards");
+            return TERES_STEP_DEGRADED;
+        }
+        if (unknown_before == 0 && estimator_->counters().markers_unknown > 0)
+            warn_once(ids_warned_, "MARKERS holds ids that the case does not have, or one twice: ignored");
+        publish(m.header, outcome);
+        const bool degraded = overflowed_ || outcome != FrameOutcome::kCorrected || !estimator_->converged();
+        overflowed_ = false;
+        return degraded ? TERES_STEP_DEGRADED : TERES_STEP_DONE;
+    }
+
+    void prepare_messages() {
+        sequence_ = 0;
+        const auto p = static_cast<std::int32_t>(model_->num_parameters());
+        estimate_.num_parameters = p;
+        estimate_.name.clear();
+        estimate_.unit.clear();
+        for (std::size_t i = 0; i < model_->num_parameters(); ++i) {
+            estimate_.name.emplace_back(model_->parameter(i).name);
+            estimate_.unit.emplace_back(model_->parameter(i).unit);
+        }
+        for (auto* field :
+             {&estimate_.mean, &estimate_.stdev, &estimate_.observability, &estimate_.filter_mean})
+            field->assign(model_->num_parameters(), 0.0);
+        estimate_.num_covariance = p * (p + 1) / 2;
+        estimate_.filter_covariance.assign(static_cast<std::size_t>(estimate_.num_covariance), 0.0);
+        estimate_.filter_predicted_covariance = estimate_.filter_covariance;
+        estimate_.node_id = estimator_->attachment_nodes();
+        estimate_.num_nodes = static_cast<std::int32_t>(estimate_.node_id.size());
+        estimate_.attachment_probability.assign(estimate_.node_id.size(), 0.0);
+
+        liver_.num_nodes = static_cast<std::int32_t>(model_->num_nodes());
+        for (auto* axis : {&liver_.x_m, &liver_.y_m, &liver_.z_m}) axis->assign(model_->num_nodes(), 0.0F);
+
+        const std::size_t markers = model_->num_markers();
+        innovation_.num_markers = static_cast<std::int32_t>(markers);
+        innovation_.marker_id.clear();
+        for (std::size_t j = 0; j < markers; ++j) innovation_.marker_id.push_back(model_->marker_id(j));
+        innovation_.used.assign(markers, 0);
+        for (auto* field : {&innovation_.dx_m, &innovation_.dy_m, &innovation_.dz_m, &innovation_.sigma_m})
+            field->assign(markers, 0.0);
+    }
+
+    void publish(const header_t& source, FrameOutcome outcome) noexcept {
+        header_t header;
+        header.capture_stamp_us = source.capture_stamp_us;
+        header.sequence = sequence_++;
+        header.frame_id = source.frame_id;
+        const bool stale = outcome != FrameOutcome::kCorrected;
+        fill_estimate(header, stale);
+        fill_liver(header, stale);
+        fill_innovation(header);
+        host_.publish("BOUNDARY_ESTIMATE", estimate_);
+        host_.publish("LIVER_STATE", liver_);
+        host_.publish("INNOVATION", innovation_);
+    }
+
+    void fill_estimate(const header_t& header, bool stale) noexcept {
+        estimate_.header = header;
+        estimate_.stale = stale;
+        const ParameterMap& map = estimator_->parameters();
+        const Eigen::VectorXd& theta = estimator_->theta();
+        const Eigen::MatrixXd& P = estimator_->covariance();
+        const Eigen::MatrixXd& predicted = estimator_->predicted_covariance();
+        const Eigen::VectorXd observability = estimator_->observability();
+        std::size_t entry = 0;
+        for (Eigen::Index i = 0; i < theta.size(); ++i) {
+            const auto k = static_cast<std::size_t>(i);
+            estimate_.mean[k] = map.to_physical(i, theta(i));
+            estimate_.stdev[k] = map.physical_stdev(i, theta(i), std::sqrt(P(i, i)));
+            estimate_.observability[k] = observability(i);
+            estimate_.filter_mean[k] = theta(i);
+            for (Eigen::Index j = 0; j <= i; ++j, ++entry) {
+                estimate_.filter_covariance[entry] = P(i, j);
+                estimate_.filter_predicted_covariance[entry] = predicted(i, j);
+            }
+        }
+        estimator_->attachment_probabilities(estimate_.attachment_probability);
+    }
+
+    void fill_liver(const header_t& header, bool stale) noexcept {
+        liver_.header = header;
+        liver_.stale = stale;
+        liver_.converged = estimator_->converged();
+        liver_.relative_residual = estimator_->relative_residual();
+        const Eigen::VectorXd& x = estimator_->state();
+        for (std::size_t n = 0; n < model_->num_nodes(); ++n) {
+            const auto row = static_cast<Eigen::Index>(3 * n);
+            liver_.x_m[n] = static_cast<float>(x(row));
+            liver_.y_m[n] = static_cast<float>(x(row + 1));
+            liver_.z_m[n] = static_cast<float>(x(row + 2));
+        }
+    }
+
+    void fill_innovation(const header_t& header) noexcept {
+        innovation_.header = header;
+        innovation_.nis = estimator_->nis();
+        innovation_.degrees_of_freedom = estimator_->degrees_of_freedom();
+        const Eigen::VectorXd& r = estimator_->residual();
+        for (std::size_t j = 0; j < innovation_.used.size(); ++j) {
+            const auto row = static_cast<Eigen::Index>(3 * j);
+            innovation_.used[j] = static_cast<std::int8_t>(estimator_->gate().use[j]);
+            innovation_.dx_m[j] = r(row);
+            innovation_.dy_m[j] = r(row + 1);
+            innovation_.dz_m[j] = r(row + 2);
+            innovation_.sigma_m[j] = estimator_->gate().sigma[j];
+        }
+    }
+
+    void warn_once(bool& warned, std::string_view text) noexcept {
+        if (!warned) host_.log(TERES_LOG_WARN, "estimator", text);
+        warned = true;
+    }
+
+    Host host_;
+    BoundaryEstimatorOptions options_;
+    ForwardModel* model_ = nullptr;
+    std::optional<BoundaryEstimator> estimator_;
+    std::optional<LoadBook> loads_;
+    std::deque<markers_t> queue_;
+    bool subscribed_ = false, overflowed_ = false;
+    bool loads_warned_ = false, names_warned_ = false, queue_warned_ = false, time_warned_ = false,
+         ids_warned_ = false;
+    std::int64_t sequence_ = 0;
+    boundary_estimate_t estimate_{};
+    liver_state_t liver_{};
+    innovation_t innovation_{};
+};
+
+}  // namespace teres
+
+TERES_PLUGIN(teres::EstimatorPlugin, "estimator",
+             "unscented Kalman filters: what holds the liver, from its markers", TERES_UNIT_PLUGIN)
