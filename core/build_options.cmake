@@ -10,3 +10,8 @@ if(TERES_SANITIZE)
   target_compile_options(teres_options INTERFACE -fsanitize=${TERES_SANITIZE} -fno-omit-frame-pointer)
   target_link_options(teres_options INTERFACE -fsanitize=${TERES_SANITIZE})
 endif()
+if(TERES_BUILD_FUZZERS)
+  # coverage of the libraries guides the fuzzers
+  target_compile_options(teres_options INTERFACE -fsanitize=fuzzer-no-link)
+  target_link_options(teres_options INTERFACE -fsanitize=fuzzer-no-link)
+endif()

@@ -1,7 +1,10 @@
 #include "core/case/mesh_checks.h"
 
 #include <algorithm>
+#include <array>
 #include <numeric>
+#include <tuple>
+#include <utility>
 
 #include "core/case/text_file.h"
 
@@ -40,6 +43,47 @@ Status check_one_piece(const TetMeshData& mesh, const std::string& name) {
                          sizes + " nodes, expected 1");
 }
 
+// A face belongs to one tetrahedron (boundary) or to two that lie on its two sides. All tetrahedra are
+// positive here, so the two see it in opposite order.
+Status check_faces(const TetMeshData& mesh, const std::string& name) {
+    struct Face {
+        std::array<std::int32_t, 3> key;
+        bool even;  // order of the nodes is an even permutation of the key
+        std::size_t tet;
+    };
+    std::vector<Face> faces;
+    faces.reserve(4 * mesh.tets.size());
+    for (std::size_t tet = 0; tet < mesh.tets.size(); ++tet) {
+        const auto [a, b, c, d] = mesh.tets[tet];
+        for (auto key :
+             {std::array{a, c, b}, std::array{a, b, d}, std::array{a, d, c}, std::array{b, c, d}}) {
+            bool even = true;
+            for (const auto& [i, j] : {std::pair{0u, 1u}, std::pair{1u, 2u}, std::pair{0u, 1u}})
+                if (key[i] > key[j]) {
+                    std::swap(key[i], key[j]);
+                    even = !even;
+                }
+            faces.push_back({key, even, tet});
+        }
+    }
+    std::sort(faces.begin(), faces.end(),
+              [](const Face& x, const Face& y) { return std::tie(x.key, x.tet) < std::tie(y.key, y.tet); });
+    for (std::size_t i = 0; i + 1 < faces.size(); ++i) {
+        if (faces[i].key != faces[i + 1].key) continue;
+        const std::string face = "face " + std::to_string(faces[i].key[0]) + " " +
+                                 std::to_string(faces[i].key[1]) + " " + std::to_string(faces[i].key[2]);
+        if (faces[i].even == faces[i + 1].even)
+            return invalid_input(name + ": tetrahedra " + std::to_string(faces[i].tet) + " and " +
+                                 std::to_string(faces[i + 1].tet) +
+                                 " overlap: both lie on the same side of " + face);
+        if (i + 2 < faces.size() && faces[i + 2].key == faces[i].key)
+            return invalid_input(name + ": " + face + " belongs to more than 2 tetrahedra (" +
+                                 std::to_string(faces[i].tet) + ", " + std::to_string(faces[i + 1].tet) +
+                                 ", " + std::to_string(faces[i + 2].tet) + ")");
+    }
+    return {};
+}
+
 }  // namespace
 
 Status check_body_mesh(const TetMeshData& mesh, const std::string& name) {
@@ -53,6 +97,7 @@ Status check_body_mesh(const TetMeshData& mesh, const std::string& name) {
                              std::to_string(unused) + " such nodes)");
     }
     TERES_TRY(check_one_piece(mesh, name));
+    TERES_TRY(check_faces(mesh, name));
 
     double extent = 0.0;
     for (std::size_t k = 0; k < 3; ++k) {

@@ -1,4 +1,4 @@
-// What a body's mesh must be beyond well-formed: one piece, every node used, in metres.
+// What a body's mesh must be beyond well-formed: one piece, every node used, no overlap, in metres.
 #pragma once
 
 #include <string>
@@ -8,7 +8,8 @@
 
 namespace teres {
 
-/// Errors (kInvalidInput) name `name` (the file), the node or piece, and the bound.
+/// For a mesh whose tetrahedra are positive (parse_vtk_tets). Errors (kInvalidInput) name `name` (the file),
+/// the node or piece, and the bound.
 Status check_body_mesh(const TetMeshData& mesh, const std::string& name);
 
 }  // namespace teres

@@ -146,6 +146,12 @@ TEST_F(BadCase, NodeInNoTetrahedronIsNamed) {
     EXPECT_EQ(error(), "mesh.vtk: node 45 is in no tetrahedron (1 such nodes)");
 }
 
+TEST_F(BadCase, OverlappingTetrahedraAreNamed) {
+    rewrite([](Case& c) { c.mesh.tets.push_back(c.mesh.tets[5]); });
+    EXPECT_THAT(error(),
+                HasSubstr("mesh.vtk: tetrahedra 5 and 96 overlap: both lie on the same side of face "));
+}
+
 TEST_F(BadCase, MillimetresAreRecognised) {
     rewrite([](Case& c) {
         for (Point& node : c.mesh.nodes) node = times(1e3, node);
