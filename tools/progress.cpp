@@ -42,8 +42,8 @@ void Progress::update(std::size_t done) {
         const int tenth = static_cast<int>(10 * done_ / total_);
         if (tenth > last_tenth_) {
             last_tenth_ = tenth;
-            std::fprintf(out_, "%s: %d %% (%zu of %zu), %s\n", what_.c_str(), 10 * tenth, done_, total_,
-                         duration_text(seconds).c_str());
+            std::fprintf(out_, "%s: %zu %% (%zu of %zu), %s\n", what_.c_str(), 100 * done_ / total_, done_,
+                         total_, duration_text(seconds).c_str());
         }
     }
     std::fflush(out_);
