@@ -24,9 +24,6 @@ namespace {
 
 // A dispatch ends after this many messages even if handlers keep publishing: the loop stays bounded.
 constexpr int kMaxMessagesPerDispatch = 1024;
-// liblcm holds back at most this many undelivered messages of a subscription (udpm://); the oldest are
-// dropped.
-constexpr int kSubscriptionQueue = 64;
 // What memq:// may hold back; liblcm itself sets no bound.
 constexpr std::size_t kMemqMessages = 4096;
 constexpr std::size_t kMemqBytes = std::size_t{256} << 20;
@@ -229,7 +226,7 @@ Result<Bus> Bus::open(const std::string& url) {
     return Bus(std::move(impl));
 }
 
-Status Bus::subscribe(const std::string& channel, std::size_t max_bytes, Handler handler) {
+Status Bus::subscribe(const std::string& channel, std::size_t max_bytes, Handler handler, int queue) {
     Impl& impl = *impl_;
     TERES_TRY_ASSIGN(ChannelPattern pattern, ChannelPattern::make(channel));
     auto subscription = std::make_unique<Impl::Subscription>(std::move(pattern));
@@ -248,7 +245,7 @@ Status Bus::subscribe(const std::string& channel, std::size_t max_bytes, Handler
             impl.memq ? lcm_subscribe(impl.lcm, expression.c_str(), &Impl::on_memq_message, &impl)
                       : lcm_subscribe(impl.lcm, expression.c_str(), &Impl::on_message, subscription.get());
         if (handle == nullptr) return impl.cannot_receive();
-        lcm_subscription_set_queue_capacity(handle, kSubscriptionQueue);
+        lcm_subscription_set_queue_capacity(handle, queue);
     }
     impl.subscriptions.push_back(std::move(subscription));
     impl.listening.clear();

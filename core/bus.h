@@ -35,7 +35,8 @@ class Bus {
     ~Bus();
 
     /// [setup] `channel` may be a regular expression as in LCM. Messages above max_bytes are refused and counted.
-    Status subscribe(const std::string& channel, std::size_t max_bytes, Handler handler);
+    /// udpm://: at most `queue` messages wait undelivered; what comes on top is dropped (a gap in the sequence).
+    Status subscribe(const std::string& channel, std::size_t max_bytes, Handler handler, int queue = 64);
     /// [loop] False if the message was refused: too large, a bad channel name, or memq:// full (4096 messages or 256 MiB
     /// wait undelivered): dispatch, then try again.
     bool publish(std::string_view channel, std::span<const std::uint8_t> data) noexcept;

@@ -36,9 +36,17 @@ Result<Config> read_settings(const SettingsOptions& options);
 /// was built in.
 std::vector<std::filesystem::path> default_settings_files();
 
+/// Where record and spy listen unless told otherwise.
+inline constexpr const char* kDefaultBusUrl = "udpm://239.255.76.67:7667?ttl=0";
+/// Messages that record and spy let wait in liblcm.
+inline constexpr int kDeepQueue = 1000;
+
 void add_doctor_command(CLI::App& app, int& exit_code);
+void add_record_command(CLI::App& app, int& exit_code);
+void add_replay_command(CLI::App& app, int& exit_code);
 void add_run_command(CLI::App& app, int& exit_code);
 void add_score_command(CLI::App& app, int& exit_code);
 void add_settings_command(CLI::App& app, int& exit_code);
+void add_spy_command(CLI::App& app, int& exit_code);
 
 }  // namespace teres::tools

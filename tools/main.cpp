@@ -16,10 +16,13 @@ int main(int argc, char** argv) {
             "`teres VERB --help` explains a verb and gives examples.\n"
             "Exit codes: 0 done, 1 ran but the result is not usable, 2 wrong usage or input, 3 host or "
             "device fault.");
+        add_record_command(app, exit_code);
+        add_replay_command(app, exit_code);
         add_run_command(app, exit_code);
         add_settings_command(app, exit_code);
         add_doctor_command(app, exit_code);
         add_score_command(app, exit_code);
+        add_spy_command(app, exit_code);
         try {
             app.parse(argc, argv);
         } catch (const CLI::ParseError& error) {

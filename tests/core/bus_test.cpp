@@ -237,7 +237,9 @@ TEST_F(UdpmBus, GuardsItsSocket) {
 }
 
 Bytes short_packet(const std::string& channel, const Bytes& payload) {
-    Bytes packet{0x4c, 0x43, 0x30, 0x32, 0, 0, 0, 1};
+    Bytes packet;
+    for (const int byte : {0x4c, 0x43, 0x30, 0x32, 0, 0, 0, 1})
+        packet.push_back(static_cast<std::uint8_t>(byte));
     packet.insert(packet.end(), channel.begin(), channel.end());
     packet.insert(packet.end(), payload.begin(), payload.end());
     return packet;
