@@ -40,13 +40,25 @@ std::string value(const teres_setting& setting) {
     return std::string("\"") + (setting.default_text != nullptr ? setting.default_text : "") + "\"";
 }
 
-void print_section(const char* id, const char* summary, std::span<const teres_setting> table) {
-    std::printf("\n# %s\n[%s]\n", summary, id);
-    for (const teres_setting& setting : table) {
-        const std::string assignment = std::string("# ") + setting.key + " = " + value(setting);
-        std::printf("%-44s # %s; %s\n", assignment.c_str(), range(setting).c_str(),
-                    setting.help != nullptr ? setting.help : "");
+// Range and meaning below the assignment, wrapped.
+void print_setting(const std::string& assignment, const std::string& meaning) {
+    std::printf("# %s\n", assignment.c_str());
+    std::istringstream words(meaning);
+    std::string line;
+    for (std::string word; words >> word;) {
+        if (!line.empty() && line.size() + 1 + word.size() > 104) {
+            std::printf("#     %s\n", line.c_str());
+            line.clear();
+        }
+        line += (line.empty() ? "" : " ") + word;
     }
+    std::printf("#     %s\n", line.c_str());
+}
+
+void print_table(std::span<const teres_setting> table) {
+    for (const teres_setting& setting : table)
+        print_setting(std::string(setting.key) + " = " + value(setting),
+                      range(setting) + "; " + (setting.help != nullptr ? setting.help : ""));
 }
 
 struct Options {
@@ -69,23 +81,27 @@ int run(const Options& options) {
         units.insert(units.begin(), "service");
     }
     std::printf(
-        "# Every setting with its default; `value  # range; meaning`. Take the leading # away to change "
+        "# Every setting with its default; below it its range and meaning. Take the leading # away to change "
         "one.\n");
     for (const std::string& unit : units) {
         if (unit == "service") {
-            print_section("service", "the runtime itself", service_table());
-            std::printf("%-44s # list; ids, or paths of .so files\n", "# drivers = [\"replay\"]");
-            std::printf("%-44s # list; loaded and stepped in this order\n",
-                        "# plugins = [\"simulation\", \"estimator\"]");
+            std::printf("\n# The runtime: which units run, over which bus, what is recorded\n[service]\n");
+            print_setting("drivers = [\"replay\"]",
+                          "list; devices and recordings: ids, or paths of .so files");
+            print_setting("plugins = [\"simulation\", \"estimator\"]",
+                          "list; ids, or paths of .so files; started and stepped in this order");
+            print_table(service_table());
             continue;
         }
         const auto file = find_plugin(unit, folders);
         if (!file) return report(file.error());
         const auto plugin = load_plugin(*file);
         if (!plugin) return report(plugin.error());
-        for (const teres_factory* factory : plugin->factories)
-            print_section(factory->id, factory->summary != nullptr ? factory->summary : "",
-                          std::span(factory->settings, factory->num_settings));
+        for (const teres_factory* factory : plugin->factories) {
+            std::printf("\n# Unit %s: %s\n[%s]\n", factory->id,
+                        factory->summary != nullptr ? factory->summary : "", factory->id);
+            print_table(std::span(factory->settings, factory->num_settings));
+        }
     }
     return kDone;
 }
