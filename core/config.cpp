@@ -249,22 +249,22 @@ Result<ResolvedSettings> Config::resolve(const std::string& section,
         const auto entry = given.find(setting.key);
         if (entry != given.end()) {
             TERES_TRY_ASSIGN(const teres_setting_value value,
-                             checked(section + "." + setting.key, entry->second, setting, resolved.texts));
+                             checked(section + "." + setting.key, entry->second, setting, resolved));
             resolved.values.push_back(value);
         } else if (is_text && std::string_view(setting.key) == "case" && !service_.case_folder.empty()) {
-            resolved.texts.push_back(service_.case_folder.string());
-            resolved.values.push_back({setting.key, resolved.texts.back().c_str(), 0.0, setting.type});
-        } else {
-            resolved.texts.push_back(is_text && setting.default_text != nullptr ? setting.default_text : "");
             resolved.values.push_back(
-                {setting.key, resolved.texts.back().c_str(), setting.default_number, setting.type});
+                {setting.key, resolved.keep(service_.case_folder.string()), 0.0, setting.type});
+        } else {
+            const char* text = is_text && setting.default_text != nullptr ? setting.default_text : "";
+            resolved.values.push_back(
+                {setting.key, resolved.keep(text), setting.default_number, setting.type});
         }
     }
     return resolved;
 }
 
 Result<teres_setting_value> Config::checked(const std::string& name, const Given& given,
-                                            const teres_setting& setting, std::deque<std::string>& texts) {
+                                            const teres_setting& setting, ResolvedSettings& keeper) {
     const auto wrong_type = [&](const std::string& needed) -> Result<teres_setting_value> {
         struct Shown {
             std::string operator()(bool value) const { return value ? "true" : "false"; }
@@ -293,8 +293,7 @@ Result<teres_setting_value> Config::checked(const std::string& name, const Given
         // `case` is a folder by convention even where the unit takes it as a text.
         if (setting.type == TERES_SETTING_PATH || std::string_view(setting.key) == "case")
             chosen = absolute_path(chosen, given.folder);
-        texts.push_back(std::move(chosen));
-        value.text = texts.back().c_str();
+        value.text = keeper.keep(std::move(chosen));
         return value;
     }
     if (setting.type == TERES_SETTING_BOOLEAN) {

@@ -5,9 +5,9 @@
 #pragma once
 
 #include <cstdint>
-#include <deque>
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <span>
 #include <string>
 #include <string_view>
@@ -59,7 +59,11 @@ struct ServiceSettings {
 /// The settings of one unit, complete and checked; owns the texts that `values` points to.
 struct ResolvedSettings {
     std::vector<teres_setting_value> values;
-    std::deque<std::string> texts;
+    std::vector<std::unique_ptr<const std::string>> texts;  // by address: moving this keeps `values` true
+    /// The same text, kept as long as this.
+    const char* keep(std::string text) {
+        return texts.emplace_back(std::make_unique<const std::string>(std::move(text)))->c_str();
+    }
 };
 
 class Config {
@@ -102,7 +106,7 @@ class Config {
     Result<std::vector<std::string>> read_list(const std::string& key,
                                                std::vector<std::string> otherwise) const;
     static Result<teres_setting_value> checked(const std::string& name, const Given& given,
-                                               const teres_setting& setting, std::deque<std::string>& texts);
+                                               const teres_setting& setting, ResolvedSettings& keeper);
 
     ServiceSettings service_;
     std::map<std::string, Section> sections_;

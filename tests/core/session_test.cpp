@@ -87,6 +87,14 @@ TEST(Session, LifeHasItsOrder) {
     EXPECT_EQ(life->calls.size(), calls) << "stopped twice";
 }
 
+TEST(Session, TextsReachEveryUnitOfALongList) {
+    auto session =
+        Session::open(config_of("\"ramp\"", "\"life\", \"echo\", \"thrower\"", "case = \"/cases/liver\"\n"));
+    ASSERT_TRUE(session) << session.error().text;
+    ASSERT_TRUE((*session)->start());
+    EXPECT_EQ((*session)->extension<test::Life>()->folder, "/cases/liver");
+}
+
 TEST(Session, UnitThatRefusesItsSettingsIsAnError) {
     EXPECT_EQ(open_error(config_of("", "\"life\"", "[life]\nfail_in = \"configure\"\n")),
               "unit life: gain of the wrong colour");
