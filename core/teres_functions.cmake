@@ -15,6 +15,10 @@ function(teres_add_plugin name)
     CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON)
   target_link_libraries(teres_${name}_plugin PRIVATE teres_${name} teres::options)
   target_link_options(teres_${name}_plugin PRIVATE -Wl,--exclude-libs,ALL)
+  if(NOT TARGET teres_plugins)
+    add_custom_target(teres_plugins)  # all modules that the program loads
+  endif()
+  add_dependencies(teres_plugins teres_${name}_plugin)
   install(TARGETS teres_${name}_plugin LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}/teres/plugins)
 endfunction()
 
