@@ -9,7 +9,7 @@
 
 #include "core/case/case.h"
 #include "core/result.h"
-#include "drivers/replay/load_tracks.h"
+#include "core/case/load_tracks.h"
 #include "drivers/replay/stream.h"
 #include "teres/markers_t.hpp"
 

@@ -12,7 +12,7 @@
 #include "core/channel_pattern.h"
 #include "core/log_reader.h"
 #include "core/result.h"
-#include "drivers/replay/load_tracks.h"
+#include "core/case/load_tracks.h"
 #include "drivers/replay/stream.h"
 
 namespace teres {

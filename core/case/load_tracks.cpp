@@ -1,4 +1,4 @@
-#include "drivers/replay/load_tracks.h"
+#include "core/case/load_tracks.h"
 
 #include <algorithm>
 #include <limits>

@@ -1,0 +1,23 @@
+// Predicted positions as a table: t_s,point_id,x_m,y_m,z_m.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <string>
+
+#include "core/result.h"
+
+namespace teres::tools {
+
+class PositionTable {
+  public:
+    /// xyz: 3 per id.
+    void add(double t_s, std::span<const std::int32_t> ids, std::span<const double> xyz_m);
+    Status write(const std::filesystem::path& file) const;
+
+  private:
+    std::string text_ = "t_s,point_id,x_m,y_m,z_m\n";
+};
+
+}  // namespace teres::tools
