@@ -23,6 +23,7 @@ int main(int argc, char** argv) {
         add_doctor_command(app, exit_code);
         add_score_command(app, exit_code);
         add_spy_command(app, exit_code);
+        add_simulate_command(app, exit_code);
         try {
             app.parse(argc, argv);
         } catch (const CLI::ParseError& error) {
