@@ -55,4 +55,11 @@ Result<Config> read_settings(const SettingsOptions& options) {
     return config;
 }
 
+Result<Config> read_offline_settings(const SettingsOptions& options) {
+    if (!options.config_file.empty()) return read_settings(options);
+    Config config;
+    for (const std::string& assignment : options.overrides) TERES_TRY(config.set(assignment));
+    return config;
+}
+
 }  // namespace teres::tools

@@ -32,6 +32,8 @@ void add_settings_options(CLI::App& verb, SettingsOptions& options);
 /// The settings file (the given one, else the first of default_settings_files() that exists) with the
 /// overrides on top.
 Result<Config> read_settings(const SettingsOptions& options);
+/// For offline verbs: without --config the built-in defaults, so that a result depends on no file of the host.
+Result<Config> read_offline_settings(const SettingsOptions& options);
 /// /etc/teres/teres.toml, then the one installed beside the program, then config/teres.toml of the tree it
 /// was built in.
 std::vector<std::filesystem::path> default_settings_files();

@@ -31,7 +31,7 @@ std::vector<double> frame_times(const Case& c) {
 }
 
 Result<int> simulate(const SimulateOptions& options) {
-    TERES_TRY_ASSIGN(Config config, read_settings(options.settings));
+    TERES_TRY_ASSIGN(Config config, read_offline_settings(options.settings));
     TERES_TRY(config.set("service.case=" + options.case_folder));
     TERES_TRY(config.set("service.drivers="));
     TERES_TRY(config.set("service.plugins=simulation"));
