@@ -1,4 +1,5 @@
-// teres simulate CASE: the forward model alone, with the case's loads and the prior's ligament, no observations used.
+// teres simulate CASE: the forward model alone, with the case's loads and the prior's ligament, no
+// observations used.
 #include <algorithm>
 #include <cstdio>
 #include <memory>
@@ -61,7 +62,8 @@ Result<int> simulate(const SimulateOptions& options) {
     Progress progress("simulating", times.size());
     std::size_t unconverged = 0;
     double worst_residual = 0.0, largest_m = 0.0, previous_t = times.empty() ? 0.0 : times.front();
-    const std::vector<double> rest(x.begin(), x.begin() + static_cast<std::ptrdiff_t>(3 * c.mesh.nodes.size()));
+    const std::vector<double> rest(x.begin(),
+                                   x.begin() + static_cast<std::ptrdiff_t>(3 * c.mesh.nodes.size()));
     for (std::size_t k = 0; k < times.size(); ++k) {
         tracks.at(times[k], loads);
         for (std::size_t r = 0; r < c.load_regions.size(); ++r) {
@@ -82,18 +84,20 @@ Result<int> simulate(const SimulateOptions& options) {
         }
         previous_t = times[k];
         for (std::size_t i = 0; i + 2 < rest.size(); i += 3)
-            largest_m = std::max(largest_m, std::hypot(x[i] - rest[i], x[i + 1] - rest[i + 1], x[i + 2] - rest[i + 2]));
+            largest_m = std::max(largest_m,
+                                 std::hypot(x[i] - rest[i], x[i + 1] - rest[i + 1], x[i + 2] - rest[i + 2]));
         model->predict_points(x, points);
         table.add(times[k], ids, points);
         if (series != nullptr)
-            TERES_TRY(series->add({times[k], std::span<const double>(x).first(3 * c.mesh.nodes.size()), {}, {}}));
+            TERES_TRY(
+                series->add({times[k], std::span<const double>(x).first(3 * c.mesh.nodes.size()), {}, {}}));
         progress.step();
     }
     progress.finish();
-    std::printf("%s: %zu frames, %zu nodes, %zu ligament unknowns at their prior medians\n", c.name.c_str(), times.size(),
-                c.mesh.nodes.size(), theta.size());
-    std::printf("  largest displacement %9.3f mm\n  largest residual     %9.2e of the applied force\n", 1e3 * largest_m,
-                worst_residual);
+    std::printf("%s: %zu frames, %zu nodes, %zu ligament unknowns at their prior medians\n", c.name.c_str(),
+                times.size(), c.mesh.nodes.size(), theta.size());
+    std::printf("  largest displacement %9.3f mm\n  largest residual     %9.2e of the applied force\n",
+                1e3 * largest_m, worst_residual);
     if (!options.predict_file.empty()) {
         TERES_TRY(table.write(options.predict_file));
         std::printf("  points      %s\n", options.predict_file.c_str());
@@ -113,16 +117,19 @@ Result<int> simulate(const SimulateOptions& options) {
 
 void add_simulate_command(CLI::App& app, int& exit_code) {
     auto options = std::make_shared<SimulateOptions>();
-    CLI::App* verb = add_verb(app, exit_code, "simulate", "Forward simulation of a case with its prior ligament",
-                              "  teres simulate config/cases/demo --predict points.csv --vtk vtk\n"
-                              "  teres simulate CASE --set simulation.element=linear --set simulation.law=stvk\n"
-                              "Exit code 1: a frame did not converge; 2: the case is malformed.",
-                              [options] {
-                                  const Result<int> code = simulate(*options);
-                                  return code ? *code : report(code.error());
-                              });
+    CLI::App* verb =
+        add_verb(app, exit_code, "simulate", "Forward simulation of a case with its prior ligament",
+                 "  teres simulate config/cases/demo --predict points.csv --vtk vtk\n"
+                 "  teres simulate CASE --set simulation.element=linear --set simulation.law=stvk\n"
+                 "Exit code 1: a frame did not converge; 2: the case is malformed.",
+                 [options] {
+                     const Result<int> code = simulate(*options);
+                     return code ? *code : report(code.error());
+                 });
     verb->add_option("case", options->case_folder, "Case folder")->required()->type_name("CASE");
-    verb->add_option("--predict", options->predict_file, "Write t_s,point_id,x_m,y_m,z_m of the validation points")->type_name("CSV");
+    verb->add_option("--predict", options->predict_file,
+                     "Write t_s,point_id,x_m,y_m,z_m of the validation points")
+        ->type_name("CSV");
     verb->add_option("--vtk", options->vtk_folder, "Write the deformed body for ParaView")->type_name("DIR");
     add_settings_options(*verb, options->settings);
 }

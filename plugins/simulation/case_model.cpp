@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <cmath>
 #include <limits>
+#include <map>
 
 #include "core/check.h"
 
@@ -100,6 +101,7 @@ Result<std::unique_ptr<CaseModel>> CaseModel::make(const Case& c, const CaseMode
             m->attachment_.push_back(
                 {m->ligament_.node[i], m->ligament_.group[i], m->ligament_.probability[i]});
     }
+    m->add_springs(c, parts);
     if (settings.element == ElementType::kQuadratic)  // a mid-edge node between two held corners is held
         for (std::size_t i = 0; i < quadratic.edge.size(); ++i)
             if (parts.held[static_cast<std::size_t>(quadratic.edge[i][0])] &&
@@ -143,6 +145,31 @@ Result<std::unique_ptr<CaseModel>> CaseModel::make(const Case& c, const CaseMode
     m->x_.assign(m->num_state() * stride, 0.0);
     m->theta_.assign(std::max<std::size_t>(1, m->parameters_.size()) * stride, 0.0);
     return m;
+}
+
+// springs.csv: springs without a group are known, those of a group share one unknown factor (prior 1, a
+// factor e^1 wide).
+void CaseModel::add_springs(const Case& c, MechanicalSystem::Parts& parts) {
+    std::map<std::string, std::int32_t> group;
+    for (const auto& data : c.springs) {
+        Tether t;
+        t.node = data.node_id;
+        t.kind = data.law == SpringLaw::kLinear ? Tether::Kind::kBar : Tether::Kind::kSpring;
+        t.spring.law = data.law == SpringLaw::kCubic        ? AnchorLaw::kCubicTension
+                       : data.law == SpringLaw::kPolynomial ? AnchorLaw::kPolynomialTension
+                                                            : AnchorLaw::kRestShape;
+        t.spring.anchor = as_vector(data.anchor_m);
+        t.spring.k = data.k;
+        t.spring.rest_length = data.rest_length_m;
+        if (!data.group.empty()) {
+            const auto [entry, added] =
+                group.try_emplace(data.group, static_cast<std::int32_t>(parameters_.size()));
+            if (added)
+                parameters_.push_back({"spring." + data.group + ".factor", "1", 1.0, 1.0, 1e-4, 1e4, 0.1});
+            t.parameter = entry->second;
+        }
+        parts.tethers.push_back(t);
+    }
 }
 
 std::size_t CaseModel::num_state() const {

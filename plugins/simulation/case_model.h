@@ -66,6 +66,7 @@ class CaseModel final : public ForwardModel {
         double prior_median = 1.0, prior_log_stdev = 0.0, lower = 0.0, upper = 0.0, threshold = 0.0;
     };
     CaseModel() = default;
+    void add_springs(const Case& c, MechanicalSystem::Parts& parts);
 
     TetMesh mesh_;
     Ligament ligament_;

@@ -89,6 +89,51 @@ double band_shear_ratio(const LigamentData& data) {
     return 0.5 * (along + across);
 }
 
+void add_band(const TetMesh& mesh, double shear_ratio, const std::vector<double>& weight,
+              const std::vector<double>& group_weight, Ligament& ligament) {
+    for (std::size_t i = 0; i < ligament.node.size(); ++i) {
+        Tether t;
+        t.node = ligament.node[i];
+        t.parameter = ligament.group[i];
+        t.share = weight[i] / group_weight[static_cast<std::size_t>(ligament.group[i])];
+        t.band = {mesh.X.col(t.node), mesh.node_normal.col(t.node), shear_ratio};
+        ligament.tethers.push_back(t);
+    }
+}
+
+// Half of a node's share is in its own string, the other half in those to the neighbours' anchors, which take
+// up shear.
+void add_strings(const TetMesh& mesh, const LigamentData& data, const std::vector<double>& weight,
+                 const std::vector<double>& group_weight, Ligament& ligament) {
+    std::map<NodeIndex, std::size_t> entry;
+    for (std::size_t i = 0; i < ligament.node.size(); ++i) entry[ligament.node[i]] = i;
+    std::vector<std::set<NodeIndex>> neighbours(ligament.node.size());
+    for (const auto& f : mesh.surface)
+        for (const auto a : f)
+            for (const auto b : f)
+                if (a != b && entry.contains(a) && entry.contains(b)) neighbours[entry[a]].insert(b);
+    const double h = data.height_m;
+    for (std::size_t i = 0; i < ligament.node.size(); ++i) {
+        const NodeIndex a = ligament.node[i];
+        const double share = weight[i] / group_weight[static_cast<std::size_t>(ligament.group[i])];
+        const auto add = [&](NodeIndex to, double part) {
+            Tether t;
+            t.kind = Tether::Kind::kSpring;
+            t.node = a;
+            t.parameter = ligament.group[i];
+            t.share = part;
+            t.spring.law = AnchorLaw::kCubicTension;
+            t.spring.anchor = mesh.X.col(to) + h * mesh.node_normal.col(to);
+            t.spring.rest_length = (t.spring.anchor - mesh.X.col(a)).norm();
+            t.spring.k = {1.0 / (h * h), 0.0, 1.0};
+            ligament.tethers.push_back(t);
+        };
+        const auto count = static_cast<double>(neighbours[i].size());
+        add(a, count > 0.0 ? 0.5 * share : share);
+        for (const auto b : neighbours[i]) add(b, 0.5 * share / count);
+    }
+}
+
 }  // namespace
 
 Ligament make_ligament(const TetMesh& mesh, const std::vector<NodeProbability>& prior,
@@ -126,15 +171,13 @@ Ligament make_ligament(const TetMesh& mesh, const std::vector<NodeProbability>& 
         group.prior_median_n_per_m =
             group.threshold_n_per_m * std::exp(settings.log_stdev * normal_quantile(group.prior_probability));
     }
-    const double ratio = settings.shear_ratio > 0.0 ? settings.shear_ratio : band_shear_ratio(data);
-    for (std::size_t i = 0; i < points.size(); ++i) {
-        Tether t;
-        t.node = ligament.node[i];
-        t.parameter = ligament.group[i];
-        t.share = weight[i] / group_weight[static_cast<std::size_t>(ligament.group[i])];
-        t.band = {mesh.X.col(t.node), mesh.node_normal.col(t.node), ratio};
-        ligament.tethers.push_back(t);
-    }
+    const bool strings = settings.model == "cubic_springs" ||
+                         (settings.model == "auto" && data.law == LigamentLaw::kCubicSpring);
+    if (strings)
+        add_strings(mesh, data, weight, group_weight, ligament);
+    else
+        add_band(mesh, settings.shear_ratio > 0.0 ? settings.shear_ratio : band_shear_ratio(data), weight,
+                 group_weight, ligament);
     return ligament;
 }
 

@@ -8,6 +8,13 @@
 // theta_full. Its median is chosen such that the prior attachment probability is the group's atlas
 // probability p_g:
 //     P(theta_g > threshold) = p_g   =>   ln median = ln threshold + s Phi^-1(p_g).
+//
+// Two models of what a group is made of:
+//   band            a solid band glued to the surface, far edge fixed (tether.h); the default for a
+//   neo-Hookean ligament cubic_springs   strings to the far edge, which pull and never push: from every node
+//   to its own anchor X + h n and to
+//                   the anchors of its neighbours, f = theta w (d + d^3/h^2), d the elongation (paper eq. 3,
+//                   kb = 0)
 #pragma once
 
 #include <string>

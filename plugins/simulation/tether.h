@@ -13,24 +13,26 @@
 #include <cstdint>
 #include <vector>
 
+#include "plugins/simulation/anchor_spring.h"
 #include "plugins/simulation/block_pattern.h"
 #include "plugins/simulation/tet_mesh.h"
 
 namespace teres {
 
 struct BandPatch {
-    Eigen::Vector3d rest;      ///< X [m]
-    Eigen::Vector3d normal;    ///< n
-    double shear_ratio = 0.3;  ///< r: tangential over normal stiffness
+    Eigen::Vector3d rest = Eigen::Vector3d::Zero();    ///< X [m]
+    Eigen::Vector3d normal = Eigen::Vector3d::Zero();  ///< n
+    double shear_ratio = 0.3;                          ///< r: tangential over normal stiffness
 };
 
 struct Tether {
-    enum class Kind { kBand, kSpring };
+    enum class Kind { kBand, kSpring, kBar };
     Kind kind = Kind::kBand;
     NodeIndex node = 0;
     std::int32_t parameter = -1;  ///< index into theta; -1: theta = 1
     double share = 1.0;           ///< w
     BandPatch band;
+    AnchorSpring spring;  ///< also anchor, rest length and k[0] of a bar
 };
 
 /// Adds energy and gradient of all tethers for every lane; theta: parameter p of lane l at p * stride + l.

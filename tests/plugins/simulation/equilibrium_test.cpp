@@ -121,7 +121,7 @@ TEST(Equilibrium, IsBitReproducible) {
 TEST(Equilibrium, BarStretchesByHookesLaw) {
     Case c = test::clamped_block(
         {.size_m = {0.1, 0.02, 0.02}, .cells = {10, 2, 2}, .youngs_modulus_pa = 20e3, .poissons_ratio = 0.0});
-    auto m = *CaseModel::make(c, {});
+    auto m = *CaseModel::make(c, CaseModelSettings());
     // Uniform traction on the far face: nodal weights by area.
     MatrixXd X = rest(*m, 1), theta(0, 1);
     const MatrixXd X0 = X;
@@ -142,7 +142,7 @@ TEST(Equilibrium, BarStretchesByHookesLaw) {
 TEST(Equilibrium, UnsupportedBodyIsRefused) {
     Case c = test::clamped_block({});
     c.clamped.clear();
-    const auto failed = CaseModel::make(c, {});
+    const auto failed = CaseModel::make(c, CaseModelSettings());
     ASSERT_FALSE(failed);
     EXPECT_NE(failed.error().text.find("nothing holds the body"), std::string::npos);
 }
