@@ -56,7 +56,8 @@ Status check(const ParameterSpec& s) {
     if ((s.transform == Transform::kLog || s.log_stdev > 0.0) && !(s.median > 0.0))
         return fail(
             fmt::format("prior median {} must be > 0 for a log-normal prior or the transform log", s.median));
-    if (s.transform == Transform::kSigmoid && !has_finite_bounds(s))
+    if ((s.transform == Transform::kSigmoid || s.transform == Transform::kScaledSigmoid) &&
+        !has_finite_bounds(s))
         return fail(fmt::format("transform sigmoid needs finite bounds, not [{}, {}]", s.lower, s.upper));
     return {};
 }
@@ -115,6 +116,10 @@ double ParameterMap::to_physical(Index i, double y) const {
             return std::clamp(y, s.lower, s.upper);
         case Transform::kSigmoid:
             return s.lower + (s.upper - s.lower) / (1.0 + std::exp(-y));
+        case Transform::kScaledSigmoid: {
+            const double width = s.upper - s.lower;
+            return width / (1.0 + std::exp(-y / width)) - s.lower;
+        }
         case Transform::kLog:
             return std::clamp(std::exp(std::clamp(y, -kMaxLog, kMaxLog)), s.lower, s.upper);
     }
@@ -133,6 +138,11 @@ double ParameterMap::to_filter(Index i, double v) const {
             const double share =
                 std::clamp((v - s.lower) / (s.upper - s.lower), kSigmoidEdge, 1.0 - kSigmoidEdge);
             return std::log(share / (1.0 - share));
+        }
+        case Transform::kScaledSigmoid: {
+            const double width = s.upper - s.lower;
+            const double share = std::clamp((v + s.lower) / width, kSigmoidEdge, 1.0 - kSigmoidEdge);
+            return width * std::log(share / (1.0 - share));
         }
         case Transform::kLog:
             return v > 0.0 ? std::clamp(std::log(v), -kMaxLog, kMaxLog) : -kMaxLog;
@@ -156,6 +166,7 @@ double ParameterMap::physical_stdev(Index i, double mean, double stdev) const {
         case Transform::kLog:
             return stdev_of_log(to_physical(i, mean), stdev);
         case Transform::kSigmoid:
+        case Transform::kScaledSigmoid:
             break;
     }
     // Midpoint rule over equally probable slices of the Gaussian.
@@ -184,7 +195,9 @@ VectorXd ParameterMap::bring_mean_inside(const Eigen::Ref<const VectorXd>& mean)
     VectorXd delta = VectorXd::Zero(mean.size());
     for (Index i = 0; i < mean.size(); ++i) {
         const ParameterSpec& s = spec(i);
-        if (s.transform == Transform::kNone || s.transform == Transform::kAbsolute) continue;
+        if (s.transform == Transform::kNone || s.transform == Transform::kAbsolute ||
+            s.transform == Transform::kScaledSigmoid)
+            continue;
         if (std::isfinite(s.lower)) delta(i) = std::max(delta(i), to_filter(i, s.lower) - mean(i));
         if (std::isfinite(s.upper)) delta(i) = std::min(delta(i), to_filter(i, s.upper) - mean(i));
     }

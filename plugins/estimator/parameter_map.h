@@ -22,7 +22,16 @@
 
 namespace teres {
 
-enum class Transform { kNone, kAbsolute, kProject, kSigmoid, kLog };
+enum class Transform {
+    kNone,
+    kAbsolute,
+    kProject,
+    kSigmoid,
+    kLog,
+    /// The peer's sigmoid, kept to reproduce its runs: v = w/(1 + exp(-y/w)) - lower, w = upper - lower, and
+    /// the stated standard deviation is that of y. v stays between the bounds when lower is 0 only.
+    kScaledSigmoid,
+};
 
 /// none | absolute | project | sigmoid | log (also: exponential)
 Result<Transform> parse_transform(std::string_view text);

@@ -74,8 +74,8 @@ void RoUkf::predict(const Eigen::Ref<const MatrixXd>& X) {
 Innovation RoUkf::innovation(const VectorXd& z, const Eigen::Ref<const MatrixXd>& Z) const {
     TERES_CHECK(Z.rows() == z.size() && Z.cols() == num_points());
     const VectorXd z_mean = Z * points_.weights;
-    return {z - z_mean,
-            (Z.colwise() - z_mean) * (points_.weights / spread_).asDiagonal() * points_.unit.transpose()};
+    const VectorXd weights = points_.observation_factor / spread_ * points_.weights;
+    return {z - z_mean, (Z.colwise() - z_mean) * weights.asDiagonal() * points_.unit.transpose()};
 }
 
 Correction RoUkf::correct(const Innovation& innovation, const VectorXd& noise_variance,

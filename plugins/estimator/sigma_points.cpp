@@ -21,8 +21,8 @@ SigmaPoints make_simplex(Eigen::Index p) {
         W(i, i + 1) = -k * s;
     }
     // |I_i|^2 = p: all points at the same distance from the mean.
-    return {std::sqrt(static_cast<double>(p)) * W,
-            Eigen::VectorXd::Constant(r, 1.0 / static_cast<double>(r))};
+    return {std::sqrt(static_cast<double>(p)) * W, Eigen::VectorXd::Constant(r, 1.0 / static_cast<double>(r)),
+            1.0};
 }
 
 SigmaPoints make_star(Eigen::Index p, double lambda, bool constant_weight) {
@@ -42,6 +42,12 @@ SigmaPoints make_sigma_points(SigmaPointKind kind, Eigen::Index p, double lambda
     TERES_CHECK(p >= 1);
     TERES_CHECK(lambda >= 0.0);
     if (kind == SigmaPointKind::kSimplex) return make_simplex(p);
+    if (kind == SigmaPointKind::kSimplexMixedWeights) {
+        SigmaPoints points = make_simplex(p);
+        points.unit *= static_cast<double>(p) / static_cast<double>(p + 1);
+        points.observation_factor = static_cast<double>(p + 1) / static_cast<double>(p);
+        return points;
+    }
     return make_star(p, lambda, kind == SigmaPointKind::kStarConstantWeight);
 }
 

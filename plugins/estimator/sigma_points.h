@@ -18,11 +18,16 @@ enum class SigmaPointKind {
     /// weights sum to 1, and the mean is unbiased, for lambda = 1/2 only. Kept to reproduce its recorded
     /// runs.
     kStarConstantWeight,
+    /// A simplex as the same implementation draws it with "unbiased variance": the points at (r-1)/r of their
+    /// distance, the deviations of the state weighted by 1/r, those of the observation by 1/(r-1). Kept to
+    /// reproduce, not to use.
+    kSimplexMixedWeights,
 };
 
 struct SigmaPoints {
-    Eigen::MatrixXd unit;     ///< p x r, column I_i
-    Eigen::VectorXd weights;  ///< r
+    Eigen::MatrixXd unit;             ///< p x r, column I_i
+    Eigen::VectorXd weights;          ///< r
+    double observation_factor = 1.0;  ///< on the weights of observed deviations
 };
 
 /// p >= 1; star: lambda >= 0, so that no weight is negative (a negative one could cost the covariance its

@@ -168,3 +168,21 @@ TEST(ParameterMap, RejectsBadPriors) {
     EXPECT_FALSE(ParameterMap::make({}).has_value());
     EXPECT_THAT(parse_transform("square").error().text, testing::HasSubstr("'square' is not one of"));
 }
+
+// By hand, bounds [2, 12]: w = 10, y = 0 gives 10/2 - 2 = 3, y = 10 ln 3 gives 7.5 - 2 = 5.5; sigma is that
+// of y.
+TEST(ParameterMap, ScaledSigmoidIsThePeersOne) {
+    ParameterSpec spec;
+    spec.name = "E";
+    spec.transform = Transform::kScaledSigmoid;
+    spec.median = 5.5;
+    spec.stdev = 4.0;
+    spec.lower = 2.0;
+    spec.upper = 12.0;
+    const auto map = ParameterMap::make({spec});
+    ASSERT_TRUE(map.has_value());
+    EXPECT_NEAR(map->to_physical(0, 0.0), 3.0, 1e-12);
+    EXPECT_NEAR(map->prior_mean()(0), 10.0 * std::log(3.0), 1e-12);
+    EXPECT_EQ(map->prior_stdev()(0), 4.0);
+    EXPECT_NEAR(map->to_physical(0, map->to_filter(0, 4.2)), 4.2, 1e-12);
+}

@@ -61,3 +61,14 @@ TEST(SigmaPoints, ConstantWeightStarIsUnbiasedForLambdaHalfOnly) {
     const SigmaPoints one = make_sigma_points(SigmaPointKind::kStarConstantWeight, 4, 1.0);
     EXPECT_NEAR(one.weights.sum(), 0.9, 1e-14);  // 9 points of weight 1/10
 }
+
+// r = p + 1 points at p/r of their distance; state deviations weighted by 1/r, observed ones by 1/(r-1) =
+// 1/p.
+TEST(SigmaPoints, MixedWeightsShrinkTheSimplexAndWeighObservationsMore) {
+    const auto mixed = make_sigma_points(SigmaPointKind::kSimplexMixedWeights, 3);
+    const auto plain = make_sigma_points(SigmaPointKind::kSimplex, 3);
+    EXPECT_LT((mixed.unit - 0.75 * plain.unit).norm(), 1e-15);
+    EXPECT_EQ(mixed.weights, plain.weights);
+    EXPECT_NEAR(mixed.observation_factor * mixed.weights(0), 1.0 / 3.0, 1e-15);
+    EXPECT_EQ(plain.observation_factor, 1.0);
+}
