@@ -63,6 +63,7 @@ BoundaryEstimator::BoundaryEstimator(ForwardModel& model, const BoundaryEstimato
         options.reduced_order ? make_reduced_order_lane_filter : make_parameter_lane_filter;
     filter_ = make_filter(state_, map_.prior_mean(), map_.prior_stdev(), options.sigma_points);
 
+    noise_ = VectorXd::Ones(rows);
     z_ = residual_ = VectorXd::Constant(rows, kNaN);
     sigma_ = VectorXd::Zero(rows / 3);
     present_.assign(static_cast<std::size_t>(rows / 3), 0);
@@ -169,6 +170,8 @@ FrameOutcome BoundaryEstimator::step(const MarkerFrame& frame, ForwardInputs loa
     if (!advance_lanes(loads)) {
         spread_ = std::max(0.5 * spread_, kLeastSpread * options_.sigma_spread);
         ++counters_.frames_not_solved;
+        std::fill(used_.begin(), used_.end(), std::uint8_t{0});
+        record(loads, change);
         return FrameOutcome::kNotSolved;
     }
     spread_ = std::min(2.0 * spread_, options_.sigma_spread);
@@ -177,13 +180,13 @@ FrameOutcome BoundaryEstimator::step(const MarkerFrame& frame, ForwardInputs loa
     const VectorXd start = filter_->state();
     filter_->predict(lanes_);
     const Innovation innovation = filter_->innovation(z_, Z_);
-    const VectorXd noise = noise_variance();
-    gate_ = gate_markers(innovation, noise, present_, options_.gate);
+    noise_ = noise_variance();
+    gate_ = gate_markers(innovation, noise_, present_, options_.gate);
     counters_.markers_gated += gate_.num_gated;
     for (std::size_t i = 0; i < used_.size(); ++i) used_[i] = gate_.use[i / 3] == MarkerUse::kUsed;
     residual_ = innovation.residual;
 
-    const Correction correction = filter_->correct(innovation, noise, used_);
+    const Correction correction = filter_->correct(innovation, noise_, used_);
     nis_ = correction.nis;
     degrees_of_freedom_ = static_cast<std::int32_t>(correction.num_used);
     filter_->shift_parameters(map_.bring_mean_inside(filter_->theta()));
@@ -193,7 +196,20 @@ FrameOutcome BoundaryEstimator::step(const MarkerFrame& frame, ForwardInputs loa
     theta_ = filter_->theta();
     covariance_ = filter_->covariance();
     state_ = filter_->state();
+    record(loads, change);
     return correction.num_used > 0 ? FrameOutcome::kCorrected : FrameOutcome::kPredicted;
+}
+
+void BoundaryEstimator::record(const ForwardInputs& loads, const ParameterWalk::Change& change) {
+    if (!keeps_recording_) return;
+    recording_.push_back({stamp_us_,
+                          {loads.region_force_n.begin(), loads.region_force_n.end()},
+                          {loads.tool_position_m.begin(), loads.tool_position_m.end()},
+                          change,
+                          z_,
+                          noise_,
+                          used_,
+                          {theta_, covariance_, predicted_covariance_}});
 }
 
 VectorXd BoundaryEstimator::observability() const {

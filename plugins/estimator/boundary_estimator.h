@@ -20,6 +20,7 @@
 #include "core/extensions/forward_model.h"
 #include "plugins/estimator/attachment.h"
 #include "plugins/estimator/consistency_monitor.h"
+#include "plugins/estimator/iterated_smoother.h"
 #include "plugins/estimator/lane_filter.h"
 #include "plugins/estimator/marker_gate.h"
 #include "plugins/estimator/parameter_map.h"
@@ -96,11 +97,16 @@ class BoundaryEstimator {
     std::int32_t degrees_of_freedom() const { return degrees_of_freedom_; }
     const EstimatorCounters& counters() const { return counters_; }
 
+    /// [setup] Keeps what an offline smoother needs of every frame (unbounded memory: not for the service).
+    void keep_recording(bool keep) { keeps_recording_ = keep; }
+    const std::vector<RecordedFrame>& recording() const { return recording_; }
+
   private:
     BoundaryEstimator(ForwardModel& model, const BoundaryEstimatorOptions& options, ParameterMap map,
                       AttachmentMap attachment);
     void read(const MarkerFrame& frame);
     bool advance_lanes(ForwardInputs loads);
+    void record(const ForwardInputs& loads, const ParameterWalk::Change& change);
     void advance_mean(ForwardInputs loads, const Eigen::VectorXd& start);
     Eigen::VectorXd noise_variance() const;
     bool is_quasi_static() const { return model_->num_state() == 3 * model_->num_nodes(); }
@@ -119,7 +125,8 @@ class BoundaryEstimator {
     bool inconsistent_ = false;
     double spread_ = 1.0;
 
-    Eigen::VectorXd rest_markers_, z_, sigma_;  // 3 per marker; sigma per marker
+    Eigen::VectorXd rest_markers_, z_, noise_;  // 3 per marker
+    Eigen::VectorXd sigma_;                     // per marker
     std::vector<std::uint8_t> present_, used_;  // per marker; per row
     Eigen::MatrixXd lanes_, points_, theta_lanes_, Z_;
     Eigen::VectorXd theta_, state_, residual_;
@@ -129,6 +136,8 @@ class BoundaryEstimator {
     double nis_ = 0.0;
     std::int32_t degrees_of_freedom_ = 0;
     EstimatorCounters counters_;
+    bool keeps_recording_ = false;
+    std::vector<RecordedFrame> recording_;
 };
 
 }  // namespace teres
