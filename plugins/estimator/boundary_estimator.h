@@ -84,6 +84,7 @@ class BoundaryEstimator {
     const Eigen::MatrixXd& covariance() const { return covariance_; }  ///< filter coordinates
     const Eigen::MatrixXd& predicted_covariance() const { return predicted_covariance_; }
     Eigen::VectorXd observability() const;  ///< 1 - variance / prior variance, in [0, 1]
+    const AttachmentMap& attachment() const { return attachment_; }
     const std::vector<std::int32_t>& attachment_nodes() const { return attachment_.node_ids(); }
     void attachment_probabilities(std::vector<double>& out) const;
     const Eigen::VectorXd& state() const { return state_; }  ///< corrected mechanical state

@@ -1,14 +1,16 @@
 // Unit `estimator`: TOOL_LOADS and MARKERS in; BOUNDARY_ESTIMATE, LIVER_STATE and INNOVATION out, one of each
 // per frame, stamped with the capture time of the frame and nothing else, so that a replay gives the same
 // bytes.
+#include <algorithm>
 #include <cmath>
 #include <deque>
 #include <memory>
 #include <optional>
 
+#include "core/extensions/offline_estimate.h"
+#include "core/load_book.h"
 #include "core/plugin_sdk.h"
 #include "plugins/estimator/boundary_estimator.h"
-#include "plugins/estimator/load_book.h"
 #include "plugins/estimator/settings.h"
 #include "teres/boundary_estimate_t.hpp"
 #include "teres/innovation_t.hpp"
@@ -23,7 +25,7 @@ constexpr std::size_t kMaxMessageBytes = 1 << 20;
 
 }  // namespace
 
-class EstimatorPlugin final : public Unit {
+class EstimatorPlugin final : public Unit, public OfflineEstimate {
   public:
     using Settings = EstimatorSettings;
     Settings settings;
@@ -44,15 +46,15 @@ class EstimatorPlugin final : public Unit {
         auto estimator = BoundaryEstimator::make(*model_, options_);
         if (!estimator) return invalid_input("estimator: " + estimator.error().text);
         estimator_.emplace(std::move(*estimator));
+        estimator_->keep_recording(settings.keep_recording);
+        smoothed_ = {};
         loads_.emplace(*model_);
         queue_.clear();
         prepare_messages();
-        if (subscribed_) return {};
         TERES_TRY(host_.subscribe<tool_loads_t>(
             "TOOL_LOADS", kMaxMessageBytes, [this](const tool_loads_t& m, std::int64_t) { take_loads(m); }));
         TERES_TRY(host_.subscribe<markers_t>("MARKERS", kMaxMessageBytes,
                                              [this](const markers_t& m, std::int64_t) { take_markers(m); }));
-        subscribed_ = true;
         return {};
     }
 
@@ -80,6 +82,48 @@ class EstimatorPlugin final : public Unit {
         estimator_.reset();
         loads_.reset();
         model_ = nullptr;
+    }
+
+    void* extension(std::string_view id) override {
+        return id == OfflineEstimate::kId ? static_cast<OfflineEstimate*>(this) : nullptr;
+    }
+
+    // OfflineEstimate
+    std::size_t num_parameters() const override { return model_ != nullptr ? model_->num_parameters() : 0; }
+    std::size_t num_attachment_nodes() const override {
+        return model_ != nullptr ? model_->num_attachment_nodes() : 0;
+    }
+    std::size_t num_frames() const override { return estimator_ ? estimator_->recording().size() : 0; }
+    std::int64_t frame_stamp_us(std::size_t frame) const override {
+        return estimator_->recording()[frame].stamp_us;
+    }
+    bool smooth(int passes, void (*progress)(void*, double), void* user) noexcept override {
+        if (num_frames() == 0) return false;
+        const bool quasi_static = model_->num_state() == 3 * model_->num_nodes();
+        smoothed_ = smooth_recording(*model_, estimator_->parameters(), estimator_->recording(),
+                                     quasi_static ? passes : 0, [&](double part) {
+                                         if (progress != nullptr) progress(user, part);
+                                     });
+        return true;
+    }
+    void parameters(std::size_t frame, std::span<double> mean, std::span<double> stdev,
+                    std::span<double> observability) const override {
+        const ParameterMap& map = estimator_->parameters();
+        const SmoothedFrame& smoothed = smoothed_.frames[frame];
+        for (Eigen::Index i = 0; i < map.size(); ++i) {
+            const auto k = static_cast<std::size_t>(i);
+            const double variance = smoothed.covariance(i, i), prior = map.prior_stdev()(i);
+            mean[k] = map.to_physical(i, smoothed.mean(i));
+            stdev[k] = map.physical_stdev(i, smoothed.mean(i), std::sqrt(variance));
+            observability[k] = std::clamp(1.0 - variance / (prior * prior), 0.0, 1.0);
+        }
+    }
+    void attachment(std::size_t frame, std::span<double> probability) const override {
+        const SmoothedFrame& smoothed = smoothed_.frames[frame];
+        std::vector<double> out;
+        estimator_->attachment().probabilities(smoothed.mean, smoothed.covariance.diagonal().cwiseSqrt(),
+                                               out);
+        std::copy(out.begin(), out.end(), probability.begin());
     }
 
   private:
@@ -229,7 +273,8 @@ class EstimatorPlugin final : public Unit {
     std::optional<BoundaryEstimator> estimator_;
     std::optional<LoadBook> loads_;
     std::deque<markers_t> queue_;
-    bool subscribed_ = false, overflowed_ = false;
+    SmootherResult smoothed_;
+    bool overflowed_ = false;
     bool loads_warned_ = false, names_warned_ = false, queue_warned_ = false, time_warned_ = false,
          ids_warned_ = false;
     std::int64_t sequence_ = 0;

@@ -26,6 +26,7 @@ struct EstimatorSettings {
     double accepted_residual = 1e-2;
     double stale_after_s = 0.5;
     int max_queue = 8;
+    bool keep_recording = false;
 
     template <class V>
     void visit(V& field) {
@@ -64,6 +65,9 @@ struct EstimatorSettings {
               "stale [s]");
         field("max_queue", max_queue, {1, 1000},
               "marker frames that may wait; beyond it the oldest is dropped and counted");
+        field("keep_recording", keep_recording,
+              "keep every frame in memory for offline smoothing (teres estimate sets it); memory grows with "
+              "time");
     }
 
     Result<BoundaryEstimatorOptions> options() const;

@@ -6,7 +6,7 @@
 #include <random>
 
 #include "plugins/estimator/probability.h"
-#include "tests/plugins/estimator/spring_model.h"
+#include "tests/support/spring_model.h"
 
 using namespace teres;
 using Eigen::VectorXd;

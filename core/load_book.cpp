@@ -1,4 +1,4 @@
-#include "plugins/estimator/load_book.h"
+#include "core/load_book.h"
 
 #include <algorithm>
 #include <cmath>

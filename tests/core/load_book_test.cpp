@@ -1,10 +1,10 @@
-#include "plugins/estimator/load_book.h"
+#include "core/load_book.h"
 
 #include <gtest/gtest.h>
 
 #include <limits>
 
-#include "tests/plugins/estimator/spring_model.h"
+#include "tests/support/spring_model.h"
 
 using namespace teres;
 
