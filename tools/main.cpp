@@ -19,6 +19,7 @@ int main(int argc, char** argv) {
         add_record_command(app, exit_code);
         add_replay_command(app, exit_code);
         add_run_command(app, exit_code);
+        add_estimate_command(app, exit_code);
         add_settings_command(app, exit_code);
         add_doctor_command(app, exit_code);
         add_score_command(app, exit_code);
