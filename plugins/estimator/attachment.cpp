@@ -11,6 +11,9 @@ namespace {
 
 // The atlas is never surer than this: a node must be able to change its mind.
 constexpr double kSurest = 1e-3;
+// Nodes of a group share one stiffness in the model only; no estimate of the group is surer than this of a
+// node.
+constexpr double kNodeSpread = 1.0 / 3.0;  // of the prior standard deviation
 
 }  // namespace
 
@@ -37,6 +40,7 @@ Result<AttachmentMap> AttachmentMap::make(const ForwardModel& model, const Param
         map.parameter_.push_back(node.parameter);
         map.threshold_.push_back(parameters.to_filter(node.parameter, parameter.attachment_threshold));
         map.offset_.push_back(probit(prior));
+        map.node_spread_.push_back(kNodeSpread * parameters.prior_stdev()(node.parameter));
         sum[static_cast<std::size_t>(node.parameter)] += prior;
         count[static_cast<std::size_t>(node.parameter)] += 1.0;
     }
@@ -52,7 +56,7 @@ void AttachmentMap::probabilities(const Eigen::VectorXd& theta, const Eigen::Vec
     out.resize(node_ids_.size());
     for (std::size_t n = 0; n < node_ids_.size(); ++n) {
         const Eigen::Index i = parameter_[n];
-        out[n] = normal_cdf((theta(i) - threshold_[n]) / std::max(stdev(i), 1e-12) + offset_[n]);
+        out[n] = normal_cdf((theta(i) - threshold_[n]) / std::hypot(stdev(i), node_spread_[n]) + offset_[n]);
     }
 }
 

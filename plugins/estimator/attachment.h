@@ -1,7 +1,8 @@
 // Where the ligament holds: probability per surface node, from the stiffness of the node's group.
 //
-//     group   z_g = (m - t) / s        t: threshold stiffness, m, s: mean and standard deviation, all in
-//     filter coordinates node    P_n = Phi(z_g + probit(pi_n) - probit(mean of pi over the group))
+//     group   z_g = (m - t) / sqrt(s^2 + b^2)     t: threshold stiffness, m, s: mean and standard deviation,
+//     b: how far nodes of one group differ, a third of the prior's deviation; all in filter coordinates
+//     node    P_n = Phi(z_g + probit(pi_n) - probit(mean of pi over the group))
 //
 // Phi(z_g) is the probability that the group's stiffness exceeds the threshold. The atlas may think more of
 // one node of the group than of another (pi_n): that difference is kept on the probit scale, where sure
@@ -31,8 +32,9 @@ class AttachmentMap {
   private:
     std::vector<std::int32_t> node_ids_;
     std::vector<Eigen::Index> parameter_;
-    std::vector<double> threshold_;  // filter coordinates
-    std::vector<double> offset_;     // probit scale
+    std::vector<double> threshold_;    // filter coordinates
+    std::vector<double> offset_;       // probit scale
+    std::vector<double> node_spread_;  // filter coordinates
 };
 
 }  // namespace teres

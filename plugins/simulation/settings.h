@@ -23,7 +23,7 @@ struct SimulationSettings {
     double band_shear_ratio = 0.0;
     std::string integrator = "auto";
     double spectral_radius = 0.9;
-    double relative_residual = 1e-6;
+    double relative_residual = 1e-5;
     int max_iterations = 60;
     int refactorise_after = 8;
     bool plain_newton = false;

@@ -1,0 +1,135 @@
+// Step times of the forward model: one simulation, a batch of sigma points, and their parts. Every iteration
+// starts from the same state. Figures and commands: BENCHMARKS.md.
+#include <benchmark/benchmark.h>
+#include <sys/resource.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <cstdlib>
+#include <memory>
+
+#include "plugins/simulation/case_model.h"
+#include "tests/support/synthetic_case.h"
+
+namespace teres {
+namespace {
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+// A liver-sized block on its ligament (one face), about the number of tetrahedra asked for.
+Case block_on_ligament(int tetrahedra, BodyLaw law) {
+    const int cells = std::max(2, static_cast<int>(std::lround(std::cbrt(tetrahedra / 6.0))));
+    Case c = test::clamped_block(
+        {.size_m = {0.13, 0.11, 0.10}, .cells = {cells, cells, cells}, .law = law, .poissons_ratio = 0.49});
+    c.body.alpha = 0.88;
+    c.ligament = LigamentData{LigamentLaw::kNeoHookean, 80e3, 0.48, 0.025, 0.02, 0.0};
+    for (const auto node : c.clamped) c.ligament_prior.push_back({node, 0.7});
+    c.clamped.clear();
+    return c;
+}
+
+struct Setup {
+    std::unique_ptr<CaseModel> model;
+    MatrixXd theta, X;
+
+    Setup(int tetrahedra, BodyLaw law, int lanes) {
+        CaseModelSettings settings;
+        settings.max_lanes = lanes;
+        model = *CaseModel::make(block_on_ligament(tetrahedra, law), settings);
+        const auto p = static_cast<Eigen::Index>(model->num_parameters());
+        theta.resize(p, lanes);
+        for (Eigen::Index i = 0; i < p; ++i)
+            for (Eigen::Index l = 0; l < lanes; ++l)
+                theta(i, l) = model->parameter(static_cast<std::size_t>(i)).prior_median *
+                              std::exp(0.5 * std::sin(1.0 + 3.0 * static_cast<double>(i + l)));
+        VectorXd x(static_cast<Eigen::Index>(model->num_state()));
+        model->rest_state({x.data(), model->num_state()});
+        X = x.replicate(1, lanes);
+        step(0.10);  // the factorisation is made and the state is near where the timed step goes
+    }
+    ForwardReport step(double force_n) {
+        const double force[3] = {0.5 * force_n, 0.2 * force_n, -force_n};
+        return model->advance({0.0, 0.0, force, {}}, {theta.data(), static_cast<std::size_t>(theta.size())},
+                              {X.data(), static_cast<std::size_t>(X.size())},
+                              static_cast<std::size_t>(X.cols()));
+    }
+};
+
+// One quasi-static step: the load grows by a tenth, as between frames of a slow pull.
+void BM_Step(benchmark::State& state, BodyLaw law) {
+    Setup setup(static_cast<int>(state.range(0)), law, static_cast<int>(state.range(1)));
+    const MatrixXd start = setup.X;
+    ForwardReport report;
+    for (auto _ : state) {
+        state.PauseTiming();
+        setup.X = start;
+        state.ResumeTiming();
+        report = setup.step(0.11);
+    }
+    rusage usage{};
+    getrusage(RUSAGE_SELF, &usage);
+    state.counters["tets"] = static_cast<double>(setup.model->mesh().tets.size());
+    state.counters["iterations"] = report.iterations;
+    state.counters["converged"] = report.lanes_converged;
+    state.counters["peak_MB"] = static_cast<double>(usage.ru_maxrss) / 1024.0;
+}
+BENCHMARK_CAPTURE(BM_Step, stvk, BodyLaw::kStVK)
+    ->ArgNames({"tets", "lanes"})
+    ->Args({1000, 1})
+    ->Args({7500, 1})
+    ->Args({7500, 9})
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(BM_Step, ogden, BodyLaw::kOgden)
+    ->ArgNames({"tets", "lanes"})
+    ->Args({7500, 1})
+    ->Args({7500, 9})
+    ->Unit(benchmark::kMillisecond);
+
+void BM_Tangent(benchmark::State& state) {
+    Setup setup(static_cast<int>(state.range(0)), BodyLaw::kStVK, 1);
+    const MechanicalSystem& system = setup.model->system();
+    ExternalActions actions;
+    system.resolve({}, {}, actions);
+    std::vector<double> values;
+    for (auto _ : state)
+        benchmark::DoNotOptimize(
+            system.tangent(actions, {}, 0, setup.theta.data(), system.parts().X, values));
+}
+BENCHMARK(BM_Tangent)->Arg(7500)->Unit(benchmark::kMillisecond);
+
+void BM_Factorise(benchmark::State& state) {
+    Setup setup(static_cast<int>(state.range(0)), BodyLaw::kStVK, 1);
+    const MechanicalSystem& system = setup.model->system();
+    ExternalActions actions;
+    system.resolve({}, {}, actions);
+    std::vector<double> values;
+    system.tangent(actions, {}, 0, setup.theta.data(), system.parts().X, values);
+    Cholesky cholesky(system.pattern());
+    for (auto _ : state) benchmark::DoNotOptimize(cholesky.factorise(values));
+    state.counters["factor_nonzeros"] = cholesky.factor_nonzeros();
+}
+BENCHMARK(BM_Factorise)->Arg(7500)->Unit(benchmark::kMillisecond);
+
+void BM_Solve(benchmark::State& state) {
+    Setup setup(7500, BodyLaw::kStVK, 1);
+    const MechanicalSystem& system = setup.model->system();
+    ExternalActions actions;
+    system.resolve({}, {}, actions);
+    std::vector<double> values;
+    system.tangent(actions, {}, 0, setup.theta.data(), system.parts().X, values);
+    Cholesky cholesky(system.pattern());
+    cholesky.factorise(values);
+    MatrixXd B = MatrixXd::Ones(system.pattern().num_rows(), state.range(0));
+    for (auto _ : state) {
+        B.setOnes();
+        cholesky.solve(B);
+        benchmark::DoNotOptimize(B.data());
+    }
+}
+BENCHMARK(BM_Solve)->ArgName("rhs")->Arg(1)->Arg(9)->Unit(benchmark::kMillisecond);
+
+}  // namespace
+}  // namespace teres
+
+BENCHMARK_MAIN();
