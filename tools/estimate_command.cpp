@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/case/case_reader.h"
+#include "core/case/surface.h"
 #include "core/case/text_writer.h"
 #include "core/case/vtk_writer.h"
 #include "tools/commands.h"
@@ -26,6 +27,9 @@ struct EstimateOptions {
     int passes = 0;
     SettingsOptions settings;
 };
+
+// Residuals five times what filter and noise together believe: the model does not describe this recording.
+constexpr double kMaxNisPerDegree = 25.0;
 
 // A value that does not exist is written as null.
 nlohmann::ordered_json number(double value) {
@@ -133,12 +137,24 @@ Status save_attachment_picture(const Estimation& e, const Case& c, const std::st
 Status save_vtk(const Estimation& e, const Motion& motion, const Case& c, const std::string& folder) {
     TERES_TRY_ASSIGN(VtkSeries series, VtkSeries::make(folder, "liver", c.mesh));
     const std::vector<double> probability = probability_per_node(e, c.mesh.nodes.size(), 0.0);
+    // A ligament node's line runs along the outward normal to the far edge; without a ligament it has no
+    // length.
+    const Surface surface(c.mesh);
+    const std::vector<Point> normals = surface.node_normals();
+    const double height_m = c.ligament ? c.ligament->height_m : 0.0;
+    const auto far_edge = [&](std::int32_t node) {
+        Point anchor = c.mesh.nodes[static_cast<std::size_t>(node)];
+        const auto at = std::lower_bound(surface.nodes().begin(), surface.nodes().end(), node);
+        if (at == surface.nodes().end() || *at != node) return anchor;
+        const Point& normal = normals[static_cast<std::size_t>(at - surface.nodes().begin())];
+        for (std::size_t a = 0; a < 3; ++a) anchor[a] += height_m * normal[a];
+        return anchor;
+    };
     for (std::size_t k = 0; k < motion.body.size(); ++k) {
         std::vector<VtkSpring> ligament;
         for (std::size_t i = 0; i < e.attachment_node.size(); ++i)
             if (e.attachment_probability[i] >= 0.5)
-                ligament.push_back({e.attachment_node[i],
-                                    c.mesh.nodes[static_cast<std::size_t>(e.attachment_node[i])], 0.0, 0.0});
+                ligament.push_back({e.attachment_node[i], far_edge(e.attachment_node[i]), 0.0, 0.0});
         TERES_TRY(series.add({e.recording[k].t_s, motion.body[k], probability, ligament}));
     }
     const auto file = series.finish();
@@ -183,11 +199,21 @@ Result<int> estimate(const EstimateOptions& options) {
     if (!options.vtk_folder.empty()) TERES_TRY(save_vtk(e, motion, c, options.vtk_folder));
 
     std::size_t uncorrected = 0;
-    for (const auto& f : e.frames) uncorrected += f.stale;
+    double nis = 0.0, degrees = 0.0;
+    for (const auto& f : e.frames) {
+        uncorrected += f.stale;
+        nis += f.nis;
+        degrees += f.degrees_of_freedom;
+    }
     if (estimated && 2 * uncorrected > e.frames.size())
         return not_usable(options.case_folder + ": " + std::to_string(uncorrected) + " of " +
                           std::to_string(e.frames.size()) +
                           " frames corrected nothing (no usable marker, or the simulation did not converge)");
+    if (degrees > 0.0 && !(nis <= kMaxNisPerDegree * degrees))
+        return not_usable(options.case_folder +
+                          ": the markers contradict the model: NIS / degrees of freedom is " +
+                          std::to_string(nis / degrees) + " over the recording (1 is consistent, bound " +
+                          std::to_string(kMaxNisPerDegree) + ")");
     if (2 * motion.frames_not_converged > e.recording.size())
         return not_usable(options.case_folder + ": " + std::to_string(motion.frames_not_converged) + " of " +
                           std::to_string(e.recording.size()) + " predicted frames did not converge");

@@ -56,7 +56,8 @@ void AttachmentMap::probabilities(const Eigen::VectorXd& theta, const Eigen::Vec
     out.resize(node_ids_.size());
     for (std::size_t n = 0; n < node_ids_.size(); ++n) {
         const Eigen::Index i = parameter_[n];
-        out[n] = normal_cdf((theta(i) - threshold_[n]) / std::hypot(stdev(i), node_spread_[n]) + offset_[n]);
+        const double spread = std::hypot(stdev(i), node_spread_[n]) / std::hypot(1.0, kNodeSpread);
+        out[n] = normal_cdf((theta(i) - threshold_[n]) / spread + offset_[n]);
     }
 }
 

@@ -1,8 +1,10 @@
 // Where the ligament holds: probability per surface node, from the stiffness of the node's group.
 //
-//     group   z_g = (m - t) / sqrt(s^2 + b^2)     t: threshold stiffness, m, s: mean and standard deviation,
-//     b: how far nodes of one group differ, a third of the prior's deviation; all in filter coordinates
+//     group   z_g = (m - t) / s'      s'^2 = (s^2 + b^2) / (1 + (b/s0)^2)
 //     node    P_n = Phi(z_g + probit(pi_n) - probit(mean of pi over the group))
+//
+// t: threshold stiffness; m, s: mean and standard deviation; s0: that of the prior; b = s0/3: how far nodes
+// of one group differ; all in filter coordinates. s' = s0 at the prior, so P_n starts as the atlas' pi_n.
 //
 // Phi(z_g) is the probability that the group's stiffness exceeds the threshold. The atlas may think more of
 // one node of the group than of another (pi_n): that difference is kept on the probit scale, where sure
