@@ -2,14 +2,12 @@
 
 #include <arpa/inet.h>
 #include <fcntl.h>
-#include <ifaddrs.h>
 #include <linux/videodev2.h>
-#include <net/if.h>
+#include <net/route.h>
 #include <sys/ioctl.h>
 #include <sys/mman.h>
 #include <sys/resource.h>
 #include <sys/socket.h>
-#include <sys/un.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -19,6 +17,7 @@
 #include <cstring>
 #include <fstream>
 #include <optional>
+#include <sstream>
 
 #include "core/bus.h"
 #include "core/case/case_reader.h"
@@ -83,39 +82,40 @@ Check check_sysctl(const HostView& host, const std::string& key, long bound, boo
                 remedy);
 }
 
-// Name of the interface that has this address.
-std::string interface_of(const in_addr& address) {
-    ifaddrs* all = nullptr;
-    if (getifaddrs(&all) != 0) return "?";
-    std::string name = "?";
-    for (const ifaddrs* at = all; at != nullptr; at = at->ifa_next) {
-        if (at->ifa_addr == nullptr || at->ifa_addr->sa_family != AF_INET) continue;
-        if (reinterpret_cast<const sockaddr_in*>(at->ifa_addr)->sin_addr.s_addr == address.s_addr)
-            name = at->ifa_name;
+// Interface by which the kernel sends to `address` (network byte order): longest prefix in /proc/net/route,
+// whose numbers are hexadecimal in network byte order too. Empty: no route.
+std::string interface_to(const HostView& host, std::uint32_t address) {
+    std::ifstream table(host.proc / "net/route");
+    std::string line, best;
+    std::uint32_t best_mask = 0;
+    std::getline(table, line);  // names of the columns
+    while (std::getline(table, line)) {
+        std::istringstream row(line);
+        std::string interface;
+        std::uint32_t destination = 0, gateway = 0, flags = 0, references = 0, uses = 0, metric = 0, mask = 0;
+        row >> interface >> std::hex >> destination >> gateway >> flags >> std::dec >> references >> uses >>
+            metric >> std::hex >> mask;
+        const bool usable = row && (flags & RTF_UP) != 0 && (flags & RTF_REJECT) == 0;
+        if (!usable || (address & mask) != destination) continue;
+        if (best.empty() || ntohl(mask) > ntohl(best_mask)) {
+            best = interface;
+            best_mask = mask;
+        }
     }
-    freeifaddrs(all);
-    return name;
+    return best;
 }
 
-Check check_route(bool needed) {
+Check check_route(const HostView& host, bool needed) {
     const std::string name = "multicast route";
-    const Descriptor socket_fd(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
-    sockaddr_in group{};
-    group.sin_family = AF_INET;
-    group.sin_port = htons(7667);
-    inet_pton(AF_INET, kGroup, &group.sin_addr);
-    if (connect(socket_fd.get(), reinterpret_cast<const sockaddr*>(&group), sizeof(group)) != 0) {
-        const std::string found = std::string("none to ") + kGroup + " (" + std::strerror(errno) + ")";
-        return needed ? fail(name, found, kLoopbackRemedy)
-                      : warn(name, found + "; memq:// does not need it", kLoopbackRemedy);
-    }
-    sockaddr_in own{};
-    socklen_t size = sizeof(own);
-    getsockname(socket_fd.get(), reinterpret_cast<sockaddr*>(&own), &size);
-    const std::string interface = interface_of(own.sin_addr);
-    if (interface == "lo") return ok(name, std::string(kGroup) + " by lo");
-    return warn(name, std::string(kGroup) + " by " + interface + ": only ttl=0 keeps packets on this machine",
-                kLoopbackRemedy);
+    in_addr group{};
+    inet_pton(AF_INET, kGroup, &group);
+    const std::string interface = interface_to(host, group.s_addr);
+    const std::string found = kGroup + std::string(interface.empty() ? ": none" : " by " + interface);
+    if (interface == "lo") return ok(name, found);
+    if (!interface.empty())
+        return warn(name, found + ": only ttl=0 keeps packets on this machine", kLoopbackRemedy);
+    return needed ? fail(name, found, kLoopbackRemedy)
+                  : warn(name, found + "; memq:// does not need it", kLoopbackRemedy);
 }
 
 Check check_receive_buffer() {
@@ -132,32 +132,39 @@ Check check_receive_buffer() {
     return warn(name, found + " (capped)", "sysctl -w net.core.rmem_max=" + std::to_string(kRmemMax));
 }
 
-// One megabyte there and back over the configured bus: the size of an image.
+// There and back over the configured bus; -1 if it did not come back.
+int round_trip_ms(Bus& bus, const std::string& channel, std::size_t size, const bool& back) {
+    const std::vector<std::uint8_t> sent(size, 0x5a);
+    const auto begin = std::chrono::steady_clock::now();
+    // A few attempts: the group may take a moment to be joined.
+    for (int attempt = 0; attempt < 3 && !back; ++attempt) {
+        bus.publish(channel, sent);
+        for (int wait = 0; wait < 20 && !back; ++wait) bus.dispatch(50);
+    }
+    const auto took = std::chrono::steady_clock::now() - begin;
+    return back ? static_cast<int>(std::chrono::duration_cast<std::chrono::milliseconds>(took).count()) : -1;
+}
+
+// A small message (markers, loads) and one megabyte (an image).
 Check check_bus(const std::string& url) {
     const std::string name = "bus " + url;
     auto bus = Bus::open(url);
     if (!bus) return fail(name, bus.error().text, kLoopbackRemedy);
+    bool small_back = false, large_back = false;
     const std::string channel = "TERES_DOCTOR_" + std::to_string(getpid());
-    const std::vector<std::uint8_t> sent(1 << 20, 0x5a);
-    bool back = false;
-    const Status heard = bus->subscribe(
-        channel, sent.size(), [&](std::string_view, std::span<const std::uint8_t> data, std::int64_t) {
-            back = std::equal(data.begin(), data.end(), sent.begin(), sent.end());
-        });
-    if (!heard) return fail(name, heard.error().text, kLoopbackRemedy);
-    const auto begin = std::chrono::steady_clock::now();
-    const auto passed_ms = [&] {
-        return std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::steady_clock::now() - begin)
-            .count();
-    };
-    // A few attempts: the group may take a moment to be joined.
-    for (int attempt = 0; attempt < 3 && !back; ++attempt) {
-        bus->publish(channel, sent);
-        for (int wait = 0; wait < 20 && !back; ++wait) bus->dispatch(50);
+    for (auto [suffix, back] : {std::pair{"_SMALL", &small_back}, {"_LARGE", &large_back}}) {
+        const Status heard =
+            bus->subscribe(channel + suffix, 1 << 20, [back = back](auto, auto, auto) { *back = true; });
+        if (!heard) return fail(name, heard.error().text, kLoopbackRemedy);
     }
-    if (back) return ok(name, "1 MiB there and back in " + std::to_string(passed_ms()) + " ms");
-    return fail(name, "1 MiB was published but did not come back",
-                "look at the receive buffer above, and for a firewall rule on udp port 7667");
+    if (round_trip_ms(*bus, channel + "_SMALL", 1 << 10, small_back) < 0)
+        return fail(name, "1 KiB was published but did not come back",
+                    "look for a firewall rule on udp port 7667, and at the route");
+    const int took_ms = round_trip_ms(*bus, channel + "_LARGE", 1 << 20, large_back);
+    if (took_ms < 0)
+        return warn(name, "1 KiB came back, 1 MiB (an image) did not",
+                    "larger receive buffers, see above, and &recv_buf_size=16777216 in service.bus_url");
+    return ok(name, "1 MiB there and back in " + std::to_string(took_ms) + " ms");
 }
 
 Check check_folder_for(const fs::path& file) {
@@ -232,7 +239,7 @@ std::vector<Check> check_settings(const Config& config) {
 std::vector<Check> check_network(const Config& config, const HostView& host) {
     const bool udpm = config.service().bus_url.starts_with("udpm://");
     std::vector<Check> checks;
-    checks.push_back(check_route(udpm));
+    checks.push_back(check_route(host, udpm));
     checks.push_back(check_sysctl(host, "net.core.rmem_max", kMinRmemMax, true, kRmemMax,
                                   "image messages are lost otherwise"));
     checks.push_back(check_sysctl(host, "net.core.rmem_default", kMinRmemDefault, true, kMinRmemDefault,
