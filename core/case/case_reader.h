@@ -18,8 +18,9 @@ struct CaseReadOptions {
 
 /// Reads and checks the whole folder. Never opens validation.csv.
 /// Errors (kInvalidInput): missing or malformed file, unknown key, non-finite value where one is needed,
-/// inverted or degenerate tetrahedron, disconnected or overlapping mesh, node id out of range, weights that do not sum to 1,
-/// marker off the surface, time going backwards, no markers, coordinates that look like millimetres.
+/// inverted or degenerate tetrahedron, disconnected or overlapping mesh, node id out of range, weights that
+/// do not sum to 1, marker off the surface, time going backwards, no markers, coordinates that look like
+/// millimetres.
 Result<Case> read_case(const std::filesystem::path& folder, const CaseReadOptions& options = {});
 
 /// Legacy ASCII VTK unstructured grid of tetrahedra. `name` stands in the error texts.
