@@ -39,7 +39,7 @@ Result<Config> read_offline_settings(const SettingsOptions& options);
 std::vector<std::filesystem::path> default_settings_files();
 
 /// Where record and spy listen unless told otherwise.
-inline constexpr const char* kDefaultBusUrl = "udpm://239.255.76.67:7667?ttl=0";
+inline constexpr const char* kDefaultBusUrl = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=16777216";
 /// Messages that record and spy let wait in liblcm.
 inline constexpr int kDeepQueue = 1000;
 
