@@ -7,6 +7,7 @@
 #include <cstdarg>
 #include <cstdio>
 
+#include "tools/peer_bench/own_run.h"
 #include "tools/peer_bench/peer_run.h"
 #include "tools/peer_bench/scene_reader.h"
 
@@ -50,6 +51,47 @@ void fill_final(const Scene& scene, const ParameterMap& map, const FilterRun& ru
         }
         report.final.push_back(value);
     }
+}
+
+// Seconds from `event_step` until the column of `mean` is first below `threshold`.
+std::optional<double> delay_below(const Eigen::MatrixXd& mean, const std::vector<int>& step,
+                                  Eigen::Index column, int event_step, double threshold, double dt_s) {
+    for (std::size_t row = 0; row < step.size(); ++row)
+        if (step[row] >= event_step && mean(static_cast<Eigen::Index>(row), column) < threshold)
+            return (step[row] - event_step + 1) * dt_s;
+    return std::nullopt;
+}
+
+OwnReport own_report(const Scene& scene, const OwnRun& run) {
+    OwnReport out;
+    out.seconds = run.seconds;
+    for (const auto point : run.refused) out.refused_points.push_back(static_cast<int>(point));
+    const auto last = run.mean.rows() - 1;
+    const std::size_t known = scene.filter.names.size();
+    for (std::size_t i = 0; i < run.names.size(); ++i) {
+        const auto column = static_cast<Eigen::Index>(i);
+        const double truth =
+            i < known ? scene.truth(i, run.step.back()) : scene.generator.velocity_damping_1_s;
+        out.final.push_back({run.names[i], run.mean(last, column), run.stdev(last, column), truth});
+        if (i >= known) continue;
+        out.sigma_distance.push_back(std::abs(run.mean(last, column) - truth) / run.stdev(last, column));
+        const double prior = std::abs(scene.filter.mean(column));
+        out.own_error += std::abs(run.mean(last, column) - truth) / prior / static_cast<double>(known);
+        out.peer_error += std::abs(scene.expected_state(scene.expected_state.rows() - 1, column) - truth) /
+                          prior / static_cast<double>(known);
+        for (const Event& event : scene.events) {
+            const double before = scene.truth(i, event.from_step - 1),
+                         after = scene.truth(i, event.from_step);
+            if (!(after < 0.1 * before) || event.from_step > run.step.back()) continue;
+            out.releases.push_back(
+                {run.names[i], 0.1 * before,
+                 delay_below(run.mean, run.step, column, event.from_step, 0.1 * before, scene.generator.dt_s),
+                 delay_below(scene.expected_state, scene.expected_step, column, event.from_step, 0.1 * before,
+                             scene.generator.dt_s)});
+        }
+    }
+    out.smallest_stdev = run.stdev.leftCols(static_cast<Eigen::Index>(known)).minCoeff();
+    return out;
 }
 
 }  // namespace
@@ -106,6 +148,19 @@ Result<FolderReport> run_folder(const std::filesystem::path& folder, const Bench
     } else {
         report.compared = false;
     }
+    if (options.own || options.own_only) {
+        // Own mode takes the recording's own alignment of tool and loads (its time stamps), not the peer's
+        // filter's.
+        RunSettings settings = scene.filter_run;
+        settings.tool_row_offset = scene.generator.tool_row_offset;
+        settings.tool_attached = scene.generator.tool_attached;
+        TERES_TRY_ASSIGN(const PeerModel own_model, PeerModel::make(scene, settings));
+        TERES_TRY_ASSIGN(const OwnRun own,
+                         run_own_filter(scene, own_model, z, scene.expected_step.back(), options.threads,
+                                        progress_bar(name + " (own filter)")));
+        if (own.step.empty()) return not_usable(name + ": the own filter saw no row");
+        report.own = own_report(scene, own);
+    }
     return report;
 }
 
@@ -126,6 +181,27 @@ std::string table_of(const FolderReport& report, bool verbose) {
             out += format("  %-14s %14.6g %14.6g %14.6g\n", value.name.c_str(), value.mean, value.stdev,
                           value.truth);
     }
+    if (report.own) {
+        const OwnReport& own = *report.own;
+        out += format(
+            "  own filter: mean error of the last row %.2e of the prior (peer %.2e); smallest stdev %.2g; "
+            "%.1f s\n",
+            own.own_error, own.peer_error, own.smallest_stdev, own.seconds);
+        for (std::size_t i = 0; i < own.final.size(); ++i) {
+            const auto& value = own.final[i];
+            out += format("  %-14s %14.6g %14.6g %14.6g", value.name.c_str(), value.mean, value.stdev,
+                          value.truth);
+            out += i < own.sigma_distance.size() ? format("   %.1f sigma\n", own.sigma_distance[i])
+                                                 : "   (estimated besides)\n";
+        }
+        for (const auto& release : own.releases)
+            out += format("  %s released: below %.3g after %.2f s (peer %.2f s)\n", release.name.c_str(),
+                          release.threshold, release.own_delay_s.value_or(-1.0),
+                          release.peer_delay_s.value_or(-1.0));
+        if (!own.refused_points.empty())
+            out += format("  %zu observed points refused: they extrapolate far outside the body\n",
+                          own.refused_points.size());
+    }
     return out;
 }
 
@@ -140,6 +216,28 @@ nlohmann::ordered_json json_of(const FolderReport& report) {
             final.push_back(
                 {{"name", value.name}, {"mean", value.mean}, {"stdev", value.stdev}, {"truth", value.truth}});
         out["seconds"] = report.seconds;
+    }
+    if (report.own) {
+        const OwnReport& own = *report.own;
+        auto& json = out["own"];
+        json["final"] = nlohmann::ordered_json::array();
+        for (const auto& value : own.final)
+            json["final"].push_back(
+                {{"name", value.name}, {"mean", value.mean}, {"stdev", value.stdev}, {"truth", value.truth}});
+        json["sigma_distance"] = own.sigma_distance;
+        json["mean_error_of_prior"] = {{"own", own.own_error}, {"peer", own.peer_error}};
+        json["smallest_stdev"] = own.smallest_stdev;
+        json["releases"] = nlohmann::ordered_json::array();
+        const auto delay = [](const std::optional<double>& s) {
+            return s ? nlohmann::ordered_json(*s) : nlohmann::ordered_json(nullptr);
+        };
+        for (const auto& r : own.releases)
+            json["releases"].push_back({{"name", r.name},
+                                        {"below", r.threshold},
+                                        {"delay_s", delay(r.own_delay_s)},
+                                        {"peer_delay_s", delay(r.peer_delay_s)}});
+        json["refused_points"] = own.refused_points;
+        json["seconds"] = own.seconds;
     }
     if (!report.warnings.empty()) out["warnings"] = report.warnings;
     return out;

@@ -24,22 +24,20 @@ struct FinalValue {
     double mean = 0.0, stdev = 0.0, truth = 0.0;
 };
 
+/// Our own filter (estimator plugin's code, its defaults) on the same observations.
 struct OwnReport {
-    std::vector<FinalValue> final;
-    std::vector<double> sigma_distance;  ///< |mean - truth| / stdev in filter coordinates
+    std::vector<FinalValue> final;  ///< the folder's parameters; what else was estimated stands behind them
+    std::vector<double> sigma_distance;  ///< |mean - truth| / stdev of the folder's parameters, physical
     std::vector<int> refused_points;     ///< observed points that extrapolate beyond the bound
     struct Release {
         std::string name;
-        double event_time_s = 0.0;
-        std::optional<double> own_delay_s, peer_delay_s;  ///< until below the threshold
+        double threshold = 0.0;                           ///< a tenth of the value before the event
+        std::optional<double> own_delay_s, peer_delay_s;  ///< from the event until below it
     };
     std::vector<Release> releases;
-    double release_threshold = 20.0;  ///< N/m
-    double smallest_stdev = 0.0;      ///< over all rows and parameters, physical units
+    double smallest_stdev = 0.0;               ///< over all rows and parameters, physical units
+    double own_error = 0.0, peer_error = 0.0;  ///< mean of |mean - truth| / prior of the last row
     double seconds = 0.0;
-    bool closer_than_peer = false;  ///< summed relative error of the last row below the peer's
-    bool inside_three_sigma = false;
-    double own_error = 0.0, peer_error = 0.0;  ///< mean relative error of the last row
 };
 
 struct FolderReport {
