@@ -1,5 +1,6 @@
 #include "tools/peer_bench/own_run.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <limits>
@@ -12,11 +13,11 @@ using Eigen::VectorXd;
 // The product's defaults, but for the noise: the recordings carry rounding only (handed in per marker), and
 // the model is the generator's own, so there is no model error to allow for. The walk is ten times the
 // default's because the priors of these folders are narrow (1 to 3 %) and some are wrong by far more.
-BoundaryEstimatorOptions own_options() {
+BoundaryEstimatorOptions own_options(double model_error_sigma_m) {
     BoundaryEstimatorOptions options;
-    options.walk.noise_per_sqrt_s = 0.3;
+    options.walk.noise_per_sqrt_s = model_error_sigma_m > 0.0 ? 0.03 : 0.3;
     options.relative_model_error = 0.0;
-    options.model_error_sigma_m = 0.0;
+    options.model_error_sigma_m = model_error_sigma_m;
     options.gate.probability = 1.0;
     return options;
 }
@@ -34,10 +35,12 @@ double rounding_sigma(const Scene& scene, std::size_t point, const VectorXd& z) 
 }
 
 Result<OwnRun> run_own_filter(const Scene& scene, const PeerModel& model, const std::vector<VectorXd>& z,
-                              int last_step, std::size_t threads, const Progress& progress) {
+                              int last_step, double model_error_sigma_m, std::size_t threads,
+                              const Progress& progress) {
     const auto begin = std::chrono::steady_clock::now();
     OwnModel own(scene, model, threads);
-    TERES_TRY_ASSIGN(BoundaryEstimator estimator, BoundaryEstimator::make(own, own_options()));
+    TERES_TRY_ASSIGN(BoundaryEstimator estimator,
+                     BoundaryEstimator::make(own, own_options(model_error_sigma_m)));
     OwnRun out;
     out.refused = own.refused();
     for (std::size_t i = 0; i < own.num_parameters(); ++i) out.names.emplace_back(own.parameter(i).name);
@@ -48,6 +51,7 @@ Result<OwnRun> run_own_filter(const Scene& scene, const PeerModel& model, const 
     for (const auto j : own.kept()) id.push_back(static_cast<std::int32_t>(j));
     std::vector<double> x(markers), y(markers), depth(markers), sigma(markers);
     std::vector<std::pair<VectorXd, VectorXd>> rows;
+    std::vector<double> nis;
     const double nan = std::numeric_limits<double>::quiet_NaN();
     const auto frame = [&](int step, const VectorXd* row) {
         for (std::size_t m = 0; m < markers; ++m) {
@@ -69,6 +73,7 @@ Result<OwnRun> run_own_filter(const Scene& scene, const PeerModel& model, const 
         if (step > last_step) break;
         frame(step, &z[row]);
         out.step.push_back(step);
+        nis.push_back(estimator.nis() / std::max(1, static_cast<int>(estimator.degrees_of_freedom())));
         rows.emplace_back(estimator.theta(), estimator.covariance().diagonal().cwiseSqrt());
         if (progress) progress(step, last_step);
     }
@@ -83,6 +88,12 @@ Result<OwnRun> run_own_filter(const Scene& scene, const PeerModel& model, const 
             out.stdev(row, i) =
                 estimator.parameters().physical_stdev(i, out.theta(row, i), out.sigma(row, i));
         }
+    }
+    if (!nis.empty()) {
+        const auto half = nis.begin() + static_cast<std::ptrdiff_t>(nis.size() / 2);
+        const auto middle = half + (nis.end() - half) / 2;
+        std::nth_element(half, middle, nis.end());
+        out.closing_nis = *middle;
     }
     out.counters = estimator.counters();
     out.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();

@@ -62,6 +62,8 @@ std::optional<double> delay_below(const Eigen::MatrixXd& mean, const std::vector
     return std::nullopt;
 }
 
+constexpr double kConsistentNis = 10.0;  // median per degree of freedom; 1 is expected
+
 OwnReport own_report(const Scene& scene, const OwnRun& run) {
     OwnReport out;
     out.seconds = run.seconds;
@@ -155,9 +157,19 @@ Result<FolderReport> run_folder(const std::filesystem::path& folder, const Bench
         settings.tool_row_offset = scene.generator.tool_row_offset;
         settings.tool_attached = scene.generator.tool_attached;
         TERES_TRY_ASSIGN(const PeerModel own_model, PeerModel::make(scene, settings));
-        TERES_TRY_ASSIGN(const OwnRun own,
-                         run_own_filter(scene, own_model, z, scene.expected_step.back(), options.threads,
-                                        progress_bar(name + " (own filter)")));
+        const int last_step = scene.expected_step.back();
+        TERES_TRY_ASSIGN(OwnRun own, run_own_filter(scene, own_model, z, last_step, 0.0, options.threads,
+                                                    progress_bar(name + " (own filter)")));
+        if (!(own.closing_nis < kConsistentNis)) {
+            // Noise of the rounding alone was too sure of itself: once more with the noise that the folder
+            // states.
+            TERES_TRY_ASSIGN(
+                own, run_own_filter(scene, own_model, z, last_step, scene.filter.observation_stdev_m,
+                                    options.threads, progress_bar(name + " (own filter, stated noise)")));
+            report.warnings.push_back(
+                "own filter: rounding alone is too small a noise here, the folder's observation stdev is "
+                "used");
+        }
         if (own.step.empty()) return not_usable(name + ": the own filter saw no row");
         report.own = own_report(scene, own);
     }
