@@ -71,5 +71,38 @@ TEST(PeerRun, ThreadsDoNotChangeTheResult) {
     for (std::size_t i = 0; i < one->final.size(); ++i) EXPECT_EQ(one->final[i].mean, three->final[i].mean);
 }
 
+OwnReport run_own(const std::filesystem::path& folder, int rows) {
+    BenchOptions options;
+    options.own_only = true;
+    options.threads = 2;
+    options.max_rows = rows;
+    auto report = run_folder(folder, options);
+    EXPECT_TRUE(report && report->own) << (report ? "" : report.error().text);
+    return report && report->own ? *report->own : OwnReport{};
+}
+
+TEST(OwnFilter, CylinderIsCloserToTheTruthThanThePeerAndHonest) {
+    TERES_REQUIRE_DATA(folder, "peer/cylinder_two_moduli");
+    const OwnReport own = run_own(folder, rows(600));
+    ASSERT_EQ(own.sigma_distance.size(), 2u);
+    EXPECT_LT(own.own_error, 0.01 * own.peer_error);
+    for (const double distance : own.sigma_distance) EXPECT_LT(distance, 3.0);
+}
+
+// The cut is at step 1201; the peer needs 2.8 s, and its third variance ends at exactly 0.
+TEST(OwnFilter, ReleasedSpringIsSeenWithinHalfASecondAndStaysAwake) {
+    TERES_REQUIRE_DATA(folder, "peer/liver_cut_ligament");
+    const OwnReport own = run_own(folder, rows(1260) == 0 ? 0 : 1260);
+    ASSERT_EQ(own.releases.size(), 1u);
+    EXPECT_EQ(own.releases[0].name, "k2");
+    ASSERT_TRUE(own.releases[0].own_delay_s.has_value());
+    EXPECT_LT(*own.releases[0].own_delay_s, 0.5);
+    EXPECT_GT(own.smallest_stdev, 1e-6);
+    EXPECT_EQ(own.refused_points, (std::vector<int>{7, 8, 9}));
+    if (rows(1) == 0) {
+        EXPECT_LT(own.own_error, own.peer_error);
+    }
+}
+
 }  // namespace
 }  // namespace teres::peer

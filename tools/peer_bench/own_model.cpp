@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <limits>
 
 #include "tools/peer_bench/parallel.h"
@@ -37,9 +36,6 @@ OwnModel::OwnModel(const Scene& scene, const PeerModel& model, std::size_t threa
             p.prior_log_stdev = scene.filter.filter_stdev[i];
         else
             p.prior_stdev = scene.filter.stdev(at);
-        if (const char* w = std::getenv("WIDE")) p.prior_log_stdev = std::atof(w), p.prior_stdev = 0;
-        if (const char* w = std::getenv("LIN"))
-            p.prior_log_stdev = 0, p.prior_stdev = std::max(p.prior_stdev, std::atof(w) * p.prior_median);
         p.lower = kLeastShare * p.prior_median;
         p.upper = infinity;
         parameters_.push_back(p);
