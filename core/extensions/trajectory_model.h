@@ -1,0 +1,91 @@
+// A whole recording simulated under a hypothesis, and its first-order response to other hypotheses: what the gap
+// diagnosis asks of the mechanics. Offline: calls may take seconds; they report progress and can be cancelled.
+//
+// Layout of outputs: markers of frame f at f * 3 M + 3 m + a; points likewise. Frames are those of the recording.
+#pragma once
+
+#include "core/extensions/effects.h"
+
+namespace teres {
+
+/// Nominal parameters (ligament groups, physical values, order of TrajectoryModel::parameter) and effects switched on.
+struct Hypothesis {
+    std::span<const double> theta;
+    std::span<const EffectInstance> effects;
+};
+
+struct TrajectoryReport {
+    std::int32_t frames = 0;
+    std::int32_t frames_converged = 0;
+    double relative_residual = 0.0;  ///< largest
+};
+
+struct NominalParameter {
+    const char* name;
+    const char* unit;
+    double prior_log_mean, prior_log_stdev;  ///< of ln(theta)
+    double lower, upper;
+};
+
+class TrajectoryModel : public EffectCatalogue {
+  public:
+    static constexpr const char* kId = "teres.trajectory_model/1";
+
+    virtual std::size_t num_parameters() const noexcept = 0;
+    virtual NominalParameter parameter(std::size_t index) const noexcept = 0;
+    virtual std::size_t num_frames() const noexcept = 0;
+    virtual double time_s(std::size_t frame) const noexcept = 0;
+    virtual std::size_t num_markers() const noexcept = 0;
+    virtual std::int32_t marker_id(std::size_t index) const noexcept = 0;
+    virtual std::size_t num_points() const noexcept = 0;  ///< validation points: only ever predicted
+    virtual std::int32_t point_id(std::size_t index) const noexcept = 0;
+
+    /// Surface of the nominal mesh for maps and pictures.
+    virtual std::size_t num_nodes() const noexcept = 0;
+    virtual void rest_positions(std::span<double> x_m) const noexcept = 0;                    ///< 3 per node
+    virtual std::size_t num_surface_triangles() const noexcept = 0;
+    virtual void surface_triangles(std::span<std::int32_t> node) const noexcept = 0;          ///< 3 per triangle
+
+    /// Simulates the recording under `h`. Empty outputs are not written. nodes: positions of all nodes,
+    /// f * 3 N + 3 i + a. The trajectory is kept as the base of first_order().
+    virtual TrajectoryReport simulate(const Hypothesis& h, std::span<double> markers_m, std::span<double> points_m,
+                                      std::span<double> nodes_m) noexcept = 0;
+
+    /// First-order response of markers (and points if not empty) when hypothesis `base` (that of the last simulate()) is
+    /// replaced by each of `others`: quasi-static, per frame  K(x; base) dx = -(g(x; other) - g(x; base)). Column k of
+    /// the output (3 M F rows each) is the change of the marker trajectory.
+    virtual bool first_order(std::span<const Hypothesis> others, std::span<double> markers_m,
+                             std::span<double> points_m) noexcept = 0;
+
+    /// Response of markers to a unit force [m/N] on a node, per frame, at the last simulate(): out[(f * 3 M + r) * 3 + b]
+    /// for marker row r and force direction b.
+    virtual bool marker_compliance(std::int32_t node, std::span<double> out) const noexcept = 0;
+
+    /// Other models of the same nominal body (finer discretisation, other laws): their difference from the nominal one is
+    /// what may not be blamed on the patient.
+    virtual std::size_t num_variants() const noexcept = 0;
+    virtual const char* variant_name(std::size_t index) const noexcept = 0;
+    /// Simulates variant `index` at the given frames only (ascending); markers_m has 3 M per listed frame.
+    virtual TrajectoryReport simulate_variant(std::size_t index, const Hypothesis& h, std::span<const std::int32_t> frames,
+                                              std::span<double> markers_m) noexcept = 0;
+
+  protected:
+    ~TrajectoryModel() = default;
+};
+
+/// What the sensors make of true marker trajectories (sensor effects of the catalogue). Layout as above.
+class ObservationModel : public EffectCatalogue {
+  public:
+    static constexpr const char* kId = "teres.observation_model/1";
+
+    /// observed = true positions as seen with the effects switched on; time_s has one entry per frame.
+    virtual void observe(std::span<const EffectInstance> effects, std::span<const double> time_s,
+                         std::span<const double> markers_true_m, std::span<double> markers_observed_m) const noexcept = 0;
+    /// Factor on the stated noise of every marker (the effect `noise`); 1 without it.
+    virtual double noise_factor(std::span<const EffectInstance> effects) const noexcept = 0;
+
+  protected:
+    ~ObservationModel() = default;
+};
+
+}  // namespace teres
