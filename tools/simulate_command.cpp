@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "core/case/case_reader.h"
+#include "core/case/frame_times.h"
 #include "core/case/load_tracks.h"
 #include "core/case/vtk_writer.h"
 #include "core/extensions/forward_model.h"
@@ -20,16 +21,6 @@ struct SimulateOptions {
     std::string case_folder, predict_file, vtk_folder;
     SettingsOptions settings;
 };
-
-// Times of the recording: those of the observations, else frames and dt of case.json.
-std::vector<double> frame_times(const Case& c) {
-    std::vector<double> times;
-    for (const auto& sample : c.observations)
-        if (times.empty() || sample.t_s > times.back()) times.push_back(sample.t_s);
-    if (times.empty())
-        for (int k = 0; k < c.num_frames; ++k) times.push_back(k * c.dt_s);
-    return times;
-}
 
 Result<int> simulate(const SimulateOptions& options) {
     TERES_TRY_ASSIGN(Config config, read_offline_settings(options.settings));

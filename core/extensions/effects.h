@@ -3,7 +3,8 @@
 //
 // An effect has amplitude parameters, which are at their null value when the effect is absent, and shape parameters
 // (place, radius, onset, frequency), which mean nothing then. A candidate is a full parameter vector with every
-// amplitude one prior standard deviation away from null and the shape at a point of the effect's search grid.
+// amplitude one prior standard deviation away from null and the shape at a point of the effect's search grid. An
+// amplitude that plays no part at that point (the swap of a slipped marker) stays at null there.
 #pragma once
 
 #include <cstddef>
