@@ -36,6 +36,26 @@ void Body::add_gradient(const double* x, double* gradient, double* energy,
     for (const auto& set : points_) add_gradient_of_points(set, material_, x, gradient, energy, stride);
 }
 
+namespace {
+
+// Tangent of what effects add to a point (strain_points.h).
+void add_effects(const StrainPoints& set, const Material& material, std::size_t q, double psi,
+                 const Matrix3d& P, Matrix9d& A) {
+    if (set.stiffening != 0.0) {
+        const double b = set.stiffening / (set.part.shear * material.mu());
+        const Eigen::Map<const Eigen::Matrix<double, 9, 1>> p(P.data());
+        A = (1.0 + b * psi) * A + b * p * p.transpose();
+    }
+    if (set.prestress.empty() || set.stiffness_scale[q] == 0.0) return;
+    constexpr int kIndex[3][3] = {{0, 3, 4}, {3, 1, 5}, {4, 5, 2}};
+    const double* S = &set.prestress[6 * q];
+    for (int b = 0; b < 3; ++b)
+        for (int d = 0; d < 3; ++d)
+            for (int a = 0; a < 3; ++a) A(a + 3 * b, a + 3 * d) += S[kIndex[d][b]] / set.stiffness_scale[q];
+}
+
+}  // namespace
+
 bool Body::add_tangent(const Positions& x, const BlockPattern& pattern,
                        std::vector<double>& values) const noexcept {
     for (std::size_t s = 0; s < points_.size(); ++s) {
@@ -52,6 +72,7 @@ bool Body::add_tangent(const Positions& x, const BlockPattern& pattern,
             Matrix3d P;
             Matrix9d A;
             if (!material_.tangent(F, set.part, psi, P, A)) return false;
+            add_effects(set, material_, q, psi, P, A);
             A *= set.volume[q] * set.stiffness_scale[q];
             for (auto i = first; i < last; ++i) {
                 // B_i = dN_i . A: contracts the column index of P with dN_i

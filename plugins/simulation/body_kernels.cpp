@@ -208,6 +208,30 @@ Pack evaluate(const Material& material, PartWeights part, const Gradient& F, Gra
     return principal(material, part, F, P);
 }
 
+// What effects add to a point (strain_points.h): stiffening of the shear law, stress of the past.
+void add_effects(const StrainPoints& points, const Material& material, std::size_t q, const Gradient& F,
+                 Gradient& P, Pack& psi) {
+    if (points.stiffening != 0.0) {
+        const double b = points.stiffening / (points.part.shear * material.mu());
+        const Pack factor = 1.0 + b * psi;
+        for (auto& p : P.m) p *= factor;
+        psi *= 1.0 + 0.5 * b * psi;
+    }
+    if (points.prestress.empty() || points.stiffness_scale[q] == 0.0) return;
+    constexpr int kIndex[3][3] = {{0, 3, 4}, {3, 1, 5}, {4, 5, 2}};
+    const double* S = &points.prestress[6 * q];
+    for (int b = 0; b < 3; ++b) {
+        Pack C_diagonal{};
+        for (int a = 0; a < 3; ++a) {
+            const Pack FS =
+                F.m[a] * S[kIndex[0][b]] + F.m[a + 3] * S[kIndex[1][b]] + F.m[a + 6] * S[kIndex[2][b]];
+            P.m[a + 3 * b] += FS / points.stiffness_scale[q];
+            C_diagonal += F.m[a + 3 * b] * FS;  // sum over b: F : F S = C : S
+        }
+        psi += 0.5 * (C_diagonal - S[b]) / points.stiffness_scale[q];
+    }
+}
+
 // One copy per instruction set, chosen when the program is loaded; without contraction all give the same
 // bits.
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__) && \
@@ -237,7 +261,9 @@ void add_gradient_of_points(const StrainPoints& points, const Material& material
                 }
             }
             Gradient P;
-            store(energy + lane, load(energy + lane) + scale * evaluate(material, points.part, F, P));
+            Pack psi = evaluate(material, points.part, F, P);
+            add_effects(points, material, q, F, P, psi);
+            store(energy + lane, load(energy + lane) + scale * psi);
             for (auto& p : P.m) p *= scale;
             for (auto i = first; i < last; ++i) {
                 double* gi = gradient + static_cast<std::size_t>(points.node[i]) * 3 * stride + lane;

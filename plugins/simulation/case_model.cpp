@@ -55,8 +55,10 @@ Result<std::unique_ptr<CaseModel>> CaseModel::make(const Case& c, const CaseMode
                              "/case.json: body.density_kg_m3 = " + std::to_string(body.density_kg_m3) +
                              " must be above 0 for a dynamic case or gravity");
 
+    std::vector<StrainPoints> points = make_strain_points(m->mesh_, settings.element, settings.shear_blend);
+    if (settings.separate_parts) points = separate_parts(std::move(points));
     MechanicalSystem::Parts parts{
-        m->mesh_.X, Body(make_strain_points(m->mesh_, settings.element, settings.shear_blend), material),
+        m->mesh_.X, Body(std::move(points), material),
         {},         {},
         {},         {},
         {},         as_vector(c.gravity_m_s2),

@@ -19,6 +19,7 @@ namespace teres {
 struct CaseModelSettings {
     ElementType element = ElementType::kNodalBlend;
     double shear_blend = 0.5;
+    bool separate_parts = false;         ///< shear and volume on strain points of their own, for effects
     std::string law = "case";            ///< case, stvk, corotational, neo_hookean, ogden
     std::string boundary = "estimated";  ///< estimated, atlas_fixed, known
     double fixed_probability = 0.5;      ///< atlas_fixed holds nodes at or above this probability
@@ -57,6 +58,10 @@ class CaseModel final : public ForwardModel {
 
     const TetMesh& mesh() const { return mesh_; }
     const MechanicalSystem& system() const { return *system_; }
+    MechanicalSystem& system() { return *system_; }
+    TimeStepper& stepper() { return *stepper_; }
+    const std::vector<SurfaceRider>& markers() const { return markers_; }
+    const std::vector<Embedding>& points() const { return points_; }
     const Ligament& ligament() const { return ligament_; }
     TimeScheme scheme() const { return scheme_; }
 

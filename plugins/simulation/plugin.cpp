@@ -1,10 +1,11 @@
-// Unit `simulation`: reads the case, offers teres.forward_model/1. It has no messages of its own; whoever
-// estimates or simulates calls the interface and publishes.
+// Unit `simulation`: reads the case, offers teres.forward_model/1 and, if asked, teres.trajectory_model/1. It
+// has no messages of its own; whoever estimates or simulates calls the interface and publishes.
 #include "core/plugin_sdk.h"
 
 #include "core/case/case_reader.h"
 #include "plugins/simulation/case_model.h"
 #include "plugins/simulation/settings.h"
+#include "plugins/simulation/trajectory.h"
 
 namespace teres {
 
@@ -19,23 +20,30 @@ class SimulationPlugin final : public Unit {
         if (settings.case_folder.empty())
             return invalid_input("simulation.case (or service.case) names no case folder");
         CaseReadOptions options;
-        options.observations = false;
+        options.observations = settings.trajectories;  // their times
         TERES_TRY_ASSIGN(const Case c, read_case(settings.case_folder, options));
         TERES_TRY_ASSIGN(model_, CaseModel::make(c, settings.model_settings()));
         host_.log(TERES_LOG_INFO, "simulation",
                   c.name + ": " + std::to_string(c.mesh.tets.size()) + " tetrahedra, " +
                       std::to_string(c.mesh.nodes.size()) + " nodes, " +
                       std::to_string(model_->num_parameters()) + " unknowns");
+        if (settings.trajectories) {
+            TERES_TRY_ASSIGN(trajectory_, Trajectory::make(c, settings.player_settings()));
+        }
         return {};
     }
     teres_step_outcome step(std::int64_t) noexcept override { return TERES_STEP_IDLE; }
     void* extension(std::string_view id) override {
-        return id == ForwardModel::kId && model_ ? static_cast<ForwardModel*>(model_.get()) : nullptr;
+        if (id == ForwardModel::kId && model_) return static_cast<ForwardModel*>(model_.get());
+        if (id == TrajectoryModel::kId && trajectory_)
+            return static_cast<TrajectoryModel*>(trajectory_.get());
+        return nullptr;
     }
 
   private:
     Host host_;
     std::unique_ptr<CaseModel> model_;
+    std::unique_ptr<Trajectory> trajectory_;
 };
 
 }  // namespace teres

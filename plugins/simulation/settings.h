@@ -4,7 +4,7 @@
 #include <string>
 
 #include "core/plugin_sdk.h"
-#include "plugins/simulation/case_model.h"
+#include "plugins/simulation/scene_player.h"
 
 namespace teres {
 
@@ -28,6 +28,8 @@ struct SimulationSettings {
     int refactorise_after = 8;
     bool plain_newton = false;
     int max_lanes = 40;
+    bool trajectories = false;
+    double max_step_s = 0.0025;
 
     template <class V>
     void visit(V& field) {
@@ -66,7 +68,12 @@ struct SimulationSettings {
               "a step with more iterations has the tangent factorised anew before the next one");
         field("plain_newton", plain_newton, "every lane alone with full Newton: slow reference path");
         field("max_lanes", max_lanes, {1, 128}, "largest batch (sigma points) that workspaces are made for");
+        field("trajectories", trajectories,
+              "offer whole recordings under hypotheses too (teres.trajectory_model/1); memory of 0.1-0.5 GB");
+        field("max_step_s", max_step_s, {1e-5, 1.0}, "trajectories of dynamic cases: longest time step");
     }
+
+    PlayerSettings player_settings() const { return {model_settings(), max_step_s, true}; }
 
     CaseModelSettings model_settings() const {
         CaseModelSettings m;

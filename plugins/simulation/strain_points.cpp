@@ -126,4 +126,17 @@ std::vector<StrainPoints> make_strain_points(const TetMesh& mesh, ElementType ty
     return {};
 }
 
+std::vector<StrainPoints> separate_parts(std::vector<StrainPoints> points) {
+    std::vector<StrainPoints> out;
+    for (auto& set : points) {
+        if (set.part.shear != 0.0 && set.part.volume != 0.0) {
+            out.push_back(set);
+            out.back().part.volume = 0.0;
+            set.part.shear = 0.0;
+        }
+        out.push_back(std::move(set));
+    }
+    return out;
+}
+
 }  // namespace teres

@@ -26,6 +26,12 @@ struct StrainPoints {
     std::vector<double> gradient;         ///< dN/dX, 3 per node entry [1/m]
     std::vector<double> volume;           ///< reference volume [m^3]
     std::vector<double> stiffness_scale;  ///< multiplies the energy density; 1 is the nominal body
+    /// Stiffening of sets that carry shear alone: psi (1 + beta psi / (2 mu)), beta [-]; 0 is the nominal
+    /// law.
+    double stiffening = 0.0;
+    /// Second Piola-Kirchhoff stress of the past (viscosity), 6 per point: xx yy zz xy xz yz [Pa]; empty:
+    /// none. Adds S0 : E to the energy density.
+    std::vector<double> prestress;
 
     std::size_t size() const { return volume.size(); }
 };
@@ -39,6 +45,8 @@ enum class ElementType {
 
 /// All strain points of a body.
 std::vector<StrainPoints> make_strain_points(const TetMesh& mesh, ElementType type, double shear_blend);
+/// The same energy on sets that carry either shear or volume alone: effects change one of them.
+std::vector<StrainPoints> separate_parts(std::vector<StrainPoints> points);
 
 /// Linear tetrahedra made quadratic: straight edges, one new node in the middle of each edge (after the
 /// corner nodes).

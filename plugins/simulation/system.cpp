@@ -57,6 +57,7 @@ void MechanicalSystem::gradient(const ExternalActions& actions, const Inertia& i
     }
     parts_.body.add_gradient(x, gradient, energy, stride);
     add_tether_gradient(parts_.tethers, theta, x, gradient, energy, stride, lanes);
+    if (parts_.term != nullptr) parts_.term->add_gradient(x, gradient, energy, stride, lanes);
     for (std::size_t k = 0; k < parts_.tools.size(); ++k) {
         const auto& tool = parts_.tools[k];
         const auto target = actions.tool_position_m.col(static_cast<Eigen::Index>(k));
@@ -107,6 +108,7 @@ bool MechanicalSystem::tangent(const ExternalActions& actions, const Inertia& in
     values.assign(pattern_.num_values(), 0.0);
     if (!parts_.body.add_tangent(x, pattern_, values)) return false;
     add_tether_tangent(parts_.tethers, theta, x, pattern_, values);
+    if (parts_.term != nullptr) parts_.term->add_tangent(x, pattern_, values);
     for (std::size_t k = 0; k < parts_.tools.size(); ++k) {
         const auto& tool = parts_.tools[k];
         if (!actions.tool_position_m.col(static_cast<Eigen::Index>(k)).allFinite()) continue;

@@ -16,6 +16,7 @@
 
 #include "plugins/simulation/block_pattern.h"
 #include "plugins/simulation/body.h"
+#include "plugins/simulation/potential_term.h"
 #include "plugins/simulation/tether.h"
 
 namespace teres {
@@ -65,6 +66,7 @@ class MechanicalSystem {
         Eigen::VectorXd node_mass_kg;  ///< lumped
         Eigen::Vector3d gravity_m_s2 = Eigen::Vector3d::Zero();
         std::size_t num_parameters = 0;
+        const PotentialTerm* term = nullptr;  ///< of effects; not owned
     };
     explicit MechanicalSystem(Parts parts);
     MechanicalSystem(const MechanicalSystem&) = delete;

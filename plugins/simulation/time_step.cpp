@@ -30,6 +30,12 @@ TimeStepper::TimeStepper(const MechanicalSystem& system, EquilibriumSolver& solv
     }
 }
 
+double TimeStepper::alpha_f() const {
+    return settings_.scheme == TimeScheme::kGeneralisedAlpha
+               ? settings_.spectral_radius / (settings_.spectral_radius + 1.0)
+               : 0.0;
+}
+
 EquilibriumReport TimeStepper::step(const ExternalActions& actions, double h, const double* theta,
                                     double* state, std::size_t lanes) noexcept {
     const std::size_t stride = padded_lanes(lanes), size = 3 * system_.num_nodes() * stride;
@@ -46,7 +52,7 @@ EquilibriumReport TimeStepper::step(const ExternalActions& actions, double h, co
     const bool euler = settings_.scheme == TimeScheme::kImplicitEuler;
     const double rho = settings_.spectral_radius;
     const double alpha_m = euler ? 0.0 : (2.0 * rho - 1.0) / (rho + 1.0);
-    const double alpha_f = euler ? 0.0 : rho / (rho + 1.0);
+    const double alpha_f = this->alpha_f();
     const double gamma = 0.5 - alpha_m + alpha_f;
     const double beta = 0.25 * (1.0 - alpha_m + alpha_f) * (1.0 - alpha_m + alpha_f);
     const double a1 = euler ? 1.0 / (h * h) : (1.0 - alpha_m) / (beta * h * h * (1.0 - alpha_f));

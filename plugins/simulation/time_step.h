@@ -43,6 +43,13 @@ class TimeStepper {
     EquilibriumReport step(const ExternalActions& actions, double dt_s, const double* theta, double* state,
                            std::size_t lanes) noexcept;
 
+    /// [loop] Replaces TimeStepSettings::rayleigh_mass_1_s.
+    void set_rayleigh_mass(double rate_1_s) { settings_.rayleigh_mass_1_s = rate_1_s; }
+    /// [loop] The next step begins a motion of its own: no load before it is remembered.
+    void restart() { last_force_n_.resize(0); }
+    /// alpha_f: the equations of a step hold at (1 - alpha_f) of it.
+    double alpha_f() const;
+
   private:
     const MechanicalSystem& system_;
     EquilibriumSolver& solver_;

@@ -1,0 +1,139 @@
+#include "plugins/simulation/effects/places.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+namespace teres {
+
+using Eigen::Matrix3Xd;
+using Eigen::Vector3d;
+
+std::vector<std::size_t> spread(const Matrix3Xd& points, std::size_t count) {
+    std::vector<std::size_t> chosen;
+    if (points.cols() == 0) return chosen;
+    const Vector3d mean = points.rowwise().mean();
+    Eigen::VectorXd distance = (points.colwise() - mean).colwise().squaredNorm();
+    while (chosen.size() < count) {
+        Eigen::Index next = 0;
+        if (distance.maxCoeff(&next) <= 0.0) break;
+        const Eigen::VectorXd d = (points.colwise() - Vector3d(points.col(next))).colwise().squaredNorm();
+        distance = chosen.empty() ? d : Eigen::VectorXd(distance.cwiseMin(d));
+        chosen.push_back(static_cast<std::size_t>(next));
+    }
+    return chosen;
+}
+
+namespace {
+
+std::vector<Vector3d> spread_columns(const std::vector<Vector3d>& points, std::size_t count) {
+    Matrix3Xd columns(3, static_cast<Eigen::Index>(points.size()));
+    for (std::size_t i = 0; i < points.size(); ++i) columns.col(static_cast<Eigen::Index>(i)) = points[i];
+    std::vector<Vector3d> places;
+    for (const auto i : spread(columns, count)) places.push_back(points[i]);
+    return places;
+}
+
+}  // namespace
+
+std::vector<Vector3d> surface_places(const Scene& scene, std::size_t count, bool free_only) {
+    std::set<NodeIndex> tied;
+    if (free_only)
+        for (std::size_t t = 0; t < scene.parts.tethers.size(); ++t) tied.insert(scene.parts.tethers[t].node);
+    std::vector<Vector3d> points;
+    for (std::size_t i = 0; i < scene.mesh.num_nodes(); ++i)
+        if (scene.mesh.node_area[i] > 0.0 && !tied.contains(static_cast<NodeIndex>(i)))
+            points.emplace_back(scene.mesh.X.col(static_cast<Eigen::Index>(i)));
+    return spread_columns(points, count);
+}
+
+std::vector<Vector3d> inner_places(const Scene& scene, std::size_t count) {
+    std::vector<Vector3d> points;
+    for (const auto& tet : scene.mesh.tets) {
+        Vector3d middle = Vector3d::Zero();
+        for (const auto node : tet) middle += 0.25 * scene.mesh.X.col(node);
+        points.push_back(middle);
+    }
+    return spread_columns(points, count);
+}
+
+std::vector<Ball> ligament_places(const Scene& scene) {
+    std::vector<Ball> balls;
+    std::set<std::int32_t> groups;
+    for (std::size_t t = 0; t < scene.tethers.ligament_end; ++t)
+        groups.insert(scene.parts.tethers[t].parameter);
+    const auto add = [&](auto&& belongs) {
+        Ball ball;
+        double weight = 0.0;
+        std::set<NodeIndex> nodes;
+        for (std::size_t t = 0; t < scene.tethers.ligament_end; ++t)
+            if (belongs(scene.parts.tethers[t].parameter)) nodes.insert(scene.parts.tethers[t].node);
+        for (const auto node : nodes) {
+            ball.centre += scene.mesh.X.col(node);
+            weight += 1.0;
+        }
+        ball.centre /= std::max(weight, 1.0);
+        for (const auto node : nodes)
+            ball.radius_m = std::max(ball.radius_m, (scene.mesh.X.col(node) - ball.centre).norm());
+        ball.radius_m *= 1.2;
+        if (!(ball.radius_m > 0.0)) ball.radius_m = 0.02 * scene.size_m;
+        balls.push_back(ball);
+    };
+    for (const auto g : groups) add([&](std::int32_t p) { return p == g; });
+    if (!groups.empty()) add([](std::int32_t) { return true; });
+    return balls;
+}
+
+double inside(const Vector3d& x, const Vector3d& centre, double radius_m) {
+    return 1.0 / (1.0 + std::exp(((x - centre).norm() / radius_m - 1.0) / 0.15));
+}
+
+Patch surface_patch(const Scene& scene, const Vector3d& centre, double radius_m) {
+    Patch patch;
+    for (std::size_t i = 0; i < scene.mesh.num_nodes(); ++i) {
+        const double area = scene.mesh.node_area[i];
+        const Vector3d x = scene.mesh.X.col(static_cast<Eigen::Index>(i));
+        if (!(area > 0.0) || (x - centre).squaredNorm() > 4.0 * radius_m * radius_m) continue;
+        patch.node.push_back(static_cast<NodeIndex>(i));
+        patch.area_m2.push_back(area * inside(x, centre, radius_m));
+        patch.total_m2 += patch.area_m2.back();
+    }
+    if (!patch.node.empty()) return patch;
+    Eigen::Index nearest = -1;  // a patch smaller than the mesh: its nearest surface node
+    for (std::size_t i = 0; i < scene.mesh.num_nodes(); ++i)
+        if (const auto k = static_cast<Eigen::Index>(i);
+            scene.mesh.node_area[i] > 0.0 &&
+            (nearest < 0 || (scene.mesh.X.col(k) - centre).squaredNorm() <
+                                (scene.mesh.X.col(nearest) - centre).squaredNorm()))
+            nearest = k;
+    patch.node.push_back(static_cast<NodeIndex>(nearest));
+    patch.area_m2.push_back(scene.mesh.node_area[static_cast<std::size_t>(nearest)]);
+    patch.total_m2 = patch.area_m2.back();
+    return patch;
+}
+
+double ramp(double t, double t0, double rise) {
+    if (t < t0) return 0.0;
+    if (t >= t0 + rise) return 1.0;
+    const double s = (t - t0) / rise;
+    return s * s * (3.0 - 2.0 * s);
+}
+
+std::vector<double> onset_grid(const Scene& scene, int count) {
+    std::vector<double> onsets;
+    for (int k = 1; k <= count; ++k)
+        onsets.push_back(scene.start_s + (scene.end_s - scene.start_s) * k / (count + 1));
+    return onsets;
+}
+
+void add_centre(std::vector<EffectParameter>& parameters, const Scene& scene) {
+    constexpr const char* kName[3] = {"center_x", "center_y", "center_z"};
+    for (Eigen::Index a = 0; a < 3; ++a) {
+        const double low = scene.mesh.X.row(a).minCoeff(), high = scene.mesh.X.row(a).maxCoeff(),
+                     margin = 0.05 * (high - low);
+        parameters.push_back(
+            shape(kName[a], "m", scene.centre(a), 0.29 * (high - low), low - margin, high + margin));
+    }
+}
+
+}  // namespace teres

@@ -1,0 +1,46 @@
+// Where and when: search grids over the body and the recording, smooth patches and windows.
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "core/effect_description.h"
+#include "plugins/simulation/scene.h"
+
+namespace teres {
+
+/// At most `count` of the points, spread evenly (farthest-point order, deterministic); indices.
+std::vector<std::size_t> spread(const Eigen::Matrix3Xd& points, std::size_t count);
+
+/// Places on the surface (nodes), spread evenly; those of the prior ligament left out if `free_only`.
+std::vector<Eigen::Vector3d> surface_places(const Scene& scene, std::size_t count, bool free_only);
+/// Places inside the body, spread evenly.
+std::vector<Eigen::Vector3d> inner_places(const Scene& scene, std::size_t count);
+/// Middle points of the ligament's groups, and the whole of it: centre and radius.
+struct Ball {
+    Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+    double radius_m = 0.0;
+};
+std::vector<Ball> ligament_places(const Scene& scene);
+
+/// 1 inside the ball, 0 outside, edge a few tenths of the radius wide.
+double inside(const Eigen::Vector3d& x, const Eigen::Vector3d& centre, double radius_m);
+
+/// Surface nodes that lie in the ball, with their areas weighted by inside().
+struct Patch {
+    std::vector<NodeIndex> node;
+    std::vector<double> area_m2;
+    double total_m2 = 0.0;
+};
+Patch surface_patch(const Scene& scene, const Eigen::Vector3d& centre, double radius_m);
+
+/// Smooth step from 0 before t0 to 1 after t0 + rise.
+double ramp(double t, double t0, double rise);
+
+/// Instants at which something may begin, spread over the recording.
+std::vector<double> onset_grid(const Scene& scene, int count);
+
+/// The three shape parameters center_x, center_y, center_z of a place on or in the body.
+void add_centre(std::vector<EffectParameter>& parameters, const Scene& scene);
+
+}  // namespace teres

@@ -1,0 +1,193 @@
+#include "plugins/simulation/scene_player.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/case/frame_times.h"
+#include "core/check.h"
+
+namespace teres {
+
+using Eigen::Vector3d;
+
+namespace {
+
+constexpr double kClampLayer =
+    1e-4;  // thickness of the layer that stands for a rigid clamp, over the body's size
+constexpr int kFollowerRounds = 12;       // a pressure follows the surface in rounds ...
+constexpr double kFollowerChange = 1e-4;  // ... until its force changes by less than this share
+
+// Clamped nodes become nodes on a layer of thickness h of the body's own stiffness: k = E A_i / h.
+Result<double> lay_clamps_on_springs(Case& c) {
+    TERES_TRY_ASSIGN(const TetMesh mesh, TetMesh::make(c.mesh));
+    TERES_TRY_ASSIGN(const Material material, Material::make(c.body));
+    const double size = (mesh.X.rowwise().maxCoeff() - mesh.X.rowwise().minCoeff()).norm(),
+                 layer = kClampLayer * size;
+    for (const auto node : c.clamped) {
+        const auto i = static_cast<std::size_t>(node);
+        const double area =
+            mesh.node_area[i] > 0.0 ? mesh.node_area[i] : std::pow(mesh.node_volume[i], 2.0 / 3.0);
+        SpringData spring;
+        spring.node_id = node;
+        spring.anchor_m = c.mesh.nodes[i];
+        spring.law = SpringLaw::kRestShape;
+        spring.k = {3.0 * material.mu() * area / layer, 0.0, 0.0};
+        c.springs.push_back(spring);
+    }
+    c.clamped.clear();
+    return layer;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<ScenePlayer>> ScenePlayer::make(const Case& c, const PlayerSettings& settings) {
+    std::unique_ptr<ScenePlayer> p(new ScenePlayer());
+    p->case_ = c;
+    p->settings_ = settings;
+    p->settings_.model.separate_parts = true;
+    p->settings_.model.max_lanes = 1;
+    TetherRanges ranges;
+    double layer = 0.0;
+    const std::size_t clamps = settings.soft_clamps ? c.clamped.size() : 0;
+    if (clamps > 0) {
+        TERES_TRY_ASSIGN(layer, lay_clamps_on_springs(p->case_));
+    }
+    Case without_damping = p->case_;  // damping is played by the scene
+    without_damping.body.rayleigh_mass_1_s = without_damping.body.rayleigh_stiffness_s = 0.0;
+    TERES_TRY_ASSIGN(p->model_, CaseModel::make(without_damping, p->settings_.model));
+    ranges.ligament_end = p->model_->ligament().tethers.size();
+    ranges.clamp_end = p->model_->system().parts().tethers.size();
+    ranges.clamp_begin = ranges.clamp_end - clamps;
+    p->scene_ = std::make_unique<Scene>(p->case_, *p->model_, ranges, layer);
+    p->tracks_ = std::make_unique<LoadTracks>(p->case_);
+    p->times_ = frame_times(p->case_);
+    if (p->times_.empty()) return invalid_input(c.folder.string() + ": the recording has no frames");
+    p->batch_.assign(p->model_->num_state() * padded_lanes(1), 0.0);
+    return p;
+}
+
+double ScenePlayer::step_s(std::size_t frame) const {
+    if (frame > 0) return times_[frame] - times_[frame - 1];
+    return case_.dt_s > 0.0 ? case_.dt_s : 1.0;
+}
+
+void ScenePlayer::enter(double t_s, const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
+                        ExternalActions& actions) {
+    tool_loads_t loads;
+    tracks_->at(t_s, loads);
+    const std::size_t regions = model_->num_regions(), tools = model_->num_tools();
+    std::vector<double> force(3 * regions), tool(3 * tools);
+    for (std::size_t r = 0; r < regions; ++r) {
+        force[3 * r] = loads.fx_n[r];
+        force[3 * r + 1] = loads.fy_n[r];
+        force[3 * r + 2] = loads.fz_n[r];
+    }
+    for (std::size_t k = 0; k < tools; ++k) {
+        tool[3 * k] = loads.x_m[k];
+        tool[3 * k + 1] = loads.y_m[k];
+        tool[3 * k + 2] = loads.z_m[k];
+    }
+    scene_->reset(t_s, force);
+    for (std::size_t e = 0; e < effects.size(); ++e)
+        for (const auto& on : h.effects)
+            if (static_cast<std::size_t>(on.index) == e && !is_null(effects[e]->description(), on.values))
+                effects[e]->apply(on.values, *scene_);
+    model_->system().resolve(scene_->region_force_n, tool, actions);
+    actions.force_n += scene_->force_n.reshaped();
+}
+
+// The batch holds the state; a pressure is a dead load within a round and follows the surface between rounds.
+ScenePlayer::StepResult ScenePlayer::settle(double h, const ExternalActions& actions,
+                                            const std::vector<double>& theta) {
+    const std::size_t stride = padded_lanes(1), dofs = 3 * model_->num_nodes();
+    const bool dynamic = scene_->dynamic;
+    if (!scene_->has_pressure()) {
+        const EquilibriumReport r = model_->stepper().step(actions, h, theta.data(), batch_.data(), 1);
+        return {r.lanes_converged == 1, r.relative_residual};
+    }
+    StepResult result;
+    const std::vector<double> start = batch_;
+    Eigen::VectorXd follower = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(dofs)), x(follower.size());
+    for (int round = 0; round < kFollowerRounds; ++round) {
+        for (std::size_t d = 0; d < dofs; ++d) x(static_cast<Eigen::Index>(d)) = batch_[d * stride];
+        const Eigen::VectorXd before = follower;
+        follower.setZero();
+        scene_->add_pressure_force(x.data(), follower.data());
+        if (round > 0 && (follower - before).norm() <= kFollowerChange * follower.norm()) return result;
+        ExternalActions loaded = actions;
+        loaded.force_n += follower;
+        if (dynamic) batch_ = start;
+        const EquilibriumReport r = model_->stepper().step(loaded, h, theta.data(), batch_.data(), 1);
+        result = {r.lanes_converged == 1, r.relative_residual};
+        if (!result.converged) return result;
+    }
+    result.converged = false;
+    return result;
+}
+
+ScenePlayer::StepResult ScenePlayer::step(double from_s, double to_s, const Hypothesis& h,
+                                          const std::vector<std::unique_ptr<Effect>>& effects) {
+    const std::size_t stride = padded_lanes(1);
+    const bool dynamic = scene_->dynamic;
+    std::vector<double> theta(std::max<std::size_t>(1, h.theta.size()) * stride, 0.0);
+    for (std::size_t p = 0; p < h.theta.size(); ++p)
+        std::fill_n(theta.begin() + p * stride, stride, h.theta[p]);
+    const double length = to_s - from_s, memory_length = (1.0 - model_->stepper().alpha_f()) * length;
+
+    enter(to_s, h, effects, actions_);
+    memory_.enter_step(scene_->viscosity, dynamic ? memory_length : length, scene_->parts.body);
+    model_->stepper().set_rayleigh_mass(scene_->rayleigh_mass_1_s);
+    for (std::size_t d = 0; d < state_.size(); ++d)
+        std::fill_n(batch_.begin() + d * stride, stride, state_[d]);
+    const StepResult result = settle(length, actions_, theta);
+    for (std::size_t d = 0; d < state_.size(); ++d) state_[d] = batch_[d * stride];
+    memory_.finish_step(scene_->viscosity, length, scene_->parts.body, state_.data());
+    return result;
+}
+
+TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
+                                   std::span<const std::int32_t> frames, const Visitor& visit,
+                                   const std::function<void(std::size_t, double*)>& guess) {
+    TERES_CHECK(h.theta.size() == model_->num_parameters());
+    const std::size_t dofs = 3 * model_->num_nodes();
+    const bool dynamic = scene_->dynamic;
+    state_.resize(model_->num_state());
+    model_->rest_state(state_);
+    memory_.start();
+    model_->stepper().restart();
+    enter(times_.front(), h, effects, actions_);
+    const bool memory = dynamic || !scene_->viscosity.empty();
+    if (dynamic)  // released from rest: a = g
+        for (std::size_t i = 0; i < model_->num_nodes(); ++i)
+            if (!scene_->parts.held[i])
+                std::copy_n(scene_->parts.gravity_m_s2.data(), 3, state_.begin() + 2 * dofs + 3 * i);
+
+    TrajectoryReport report;
+    std::size_t listed = 0;
+    for (std::size_t f = 0; f < times_.size(); ++f) {
+        const bool wanted =
+            frames.empty() || (listed < frames.size() && static_cast<std::size_t>(frames[listed]) == f);
+        if (!wanted && !memory) continue;
+        bool converged = true;
+        if (!dynamic || f > 0) {
+            if (!dynamic && guess) guess(f, state_.data());
+            const double length = step_s(f), to = times_[f];
+            const int parts =
+                dynamic ? std::max(1, static_cast<int>(std::ceil(length / settings_.max_step_s - 1e-9))) : 1;
+            for (int k = 0; k < parts; ++k) {
+                const StepResult r = step(to - length + length * k / parts,
+                                          to - length + length * (k + 1) / parts, h, effects);
+                converged = converged && r.converged;
+                report.relative_residual = std::max(report.relative_residual, r.relative_residual);
+            }
+        }
+        if (!wanted) continue;
+        ++listed;
+        ++report.frames;
+        report.frames_converged += converged;
+        visit(f, state_.data());
+    }
+    return report;
+}
+
+}  // namespace teres

@@ -1,0 +1,67 @@
+// Plays the recording under a hypothesis: per frame the scene is made nominal, changed by the hypothesis'
+// effects and brought to equilibrium (or stepped in time). One model, one lane.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <vector>
+
+#include "core/case/load_tracks.h"
+#include "core/extensions/trajectory_model.h"
+#include "plugins/simulation/effects/effect.h"
+
+namespace teres {
+
+struct PlayerSettings {
+    CaseModelSettings model;
+    double max_step_s = 0.0025;  ///< of dynamic cases; frames further apart are played in substeps
+    bool soft_clamps = true;     ///< clamped nodes sit on a thin stiff layer instead of being held, so that
+                              ///< effects can move it or let it give way
+};
+
+class ScenePlayer {
+  public:
+    /// Errors: of CaseModel::make.
+    static Result<std::unique_ptr<ScenePlayer>> make(const Case& c, const PlayerSettings& settings);
+
+    Scene& scene() { return *scene_; }
+    CaseModel& model() { return *model_; }
+    const std::vector<double>& times() const { return times_; }
+    /// Length of the step that ends at the frame.
+    double step_s(std::size_t frame) const;
+
+    /// Makes the scene that of a time, under the hypothesis. `actions`: its resolved loads.
+    void enter(double t_s, const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
+               ExternalActions& actions);
+
+    using Visitor = std::function<void(std::size_t frame, const double* x)>;  ///< x: 3 per node
+    /// Plays all frames in order; `visit` sees those listed in `frames` (ascending; empty: all). guess(frame,
+    /// x) may improve the start value of a quasi-static frame. A quasi-static body without memory skips other
+    /// frames.
+    TrajectoryReport play(const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
+                          std::span<const std::int32_t> frames, const Visitor& visit,
+                          const std::function<void(std::size_t frame, double* x)>& guess = {});
+
+  private:
+    ScenePlayer() = default;
+    struct StepResult {
+        bool converged = false;
+        double relative_residual = 0.0;
+    };
+    StepResult step(double from_s, double to_s, const Hypothesis& h,
+                    const std::vector<std::unique_ptr<Effect>>& effects);
+    StepResult settle(double h, const ExternalActions& actions, const std::vector<double>& theta);
+
+    Case case_;
+    PlayerSettings settings_;
+    std::unique_ptr<CaseModel> model_;
+    std::unique_ptr<Scene> scene_;
+    std::unique_ptr<LoadTracks> tracks_;
+    std::vector<double> times_;
+    ViscousMemory memory_;
+    std::vector<double> state_;  // one lane: 3N positions, then velocities, accelerations
+    std::vector<double> batch_;  // batch layout
+    ExternalActions actions_;
+};
+
+}  // namespace teres

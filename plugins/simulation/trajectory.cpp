@@ -1,0 +1,333 @@
+#include "plugins/simulation/trajectory.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+#include "core/check.h"
+#include "plugins/simulation/cholesky.h"
+
+namespace teres {
+
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+namespace {
+
+// dz/dx_i of a rider z = sum w_i x_i + o n, n = c/|c|, c = (x_1 - x_0) x (x_2 - x_0):  dn = (I - n n^T)/|c|
+// dc
+std::array<Matrix3d, 3> rider_derivative(const SurfaceRider& rider, const double* x) {
+    const auto at = [&](std::size_t i) { return Eigen::Map<const Vector3d>(x + 3 * rider.node[i]); };
+    const Vector3d a = at(1) - at(0), b = at(2) - at(0), c = a.cross(b);
+    const double length = c.norm();
+    const Vector3d n = c / length;
+    const Matrix3d turn = rider.offset_m / length * (Matrix3d::Identity() - n * n.transpose());
+    const auto skew = [](const Vector3d& v) {
+        Matrix3d S;
+        S << 0.0, -v.z(), v.y(), v.z(), 0.0, -v.x(), -v.y(), v.x(), 0.0;
+        return S;
+    };
+    std::array<Matrix3d, 3> D;
+    D[1] = -turn * skew(b);  // dc = da x b = -b x da
+    D[2] = turn * skew(a);   // dc = a x db
+    D[0] = -D[1] - D[2];
+    for (std::size_t i = 0; i < 3; ++i) D[i] += rider.weight[i] * Matrix3d::Identity();
+    return D;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<Trajectory>> Trajectory::make(const Case& c, const PlayerSettings& settings) {
+    std::unique_ptr<Trajectory> t(new Trajectory());
+    TERES_TRY_ASSIGN(t->player_, ScenePlayer::make(c, settings));
+    t->effects_ = make_effects(t->player_->scene());
+    t->add_variants(c, settings);
+    return t;
+}
+
+void Trajectory::effect_candidate(std::size_t effect, std::size_t candidate,
+                                  std::span<double> values) const noexcept {
+    const auto& from = effects_[effect]->description().candidates[candidate];
+    TERES_CHECK(values.size() == from.size());
+    std::copy(from.begin(), from.end(), values.begin());
+}
+
+NominalParameter Trajectory::parameter(std::size_t index) const noexcept {
+    const ForwardParameter p = player_->model().parameter(index);
+    return {p.name, p.unit, std::log(p.prior_median), p.prior_log_stdev, p.lower, p.upper};
+}
+
+void Trajectory::rest_positions(std::span<double> x_m) const noexcept {
+    const auto& X = player_->model().mesh().X;
+    TERES_CHECK(x_m.size() == static_cast<std::size_t>(X.size()));
+    std::copy_n(X.data(), X.size(), x_m.begin());
+}
+
+void Trajectory::surface_triangles(std::span<std::int32_t> node) const noexcept {
+    const auto& surface = player_->model().mesh().surface;
+    TERES_CHECK(node.size() == 3 * surface.size());
+    for (std::size_t t = 0; t < surface.size(); ++t) std::copy_n(surface[t].begin(), 3, node.begin() + 3 * t);
+}
+
+TrajectoryReport Trajectory::simulate(const Hypothesis& h, std::span<double> markers_m,
+                                      std::span<double> points_m, std::span<double> nodes_m) noexcept {
+    CaseModel& model = player_->model();
+    const std::size_t dofs = 3 * model.num_nodes(), markers = 3 * num_markers(), points = 3 * num_points(),
+                      state = model.num_state();
+    const std::vector<VectorXd> previous = std::move(base_.x);
+    base_ = {};
+    base_.theta.assign(h.theta.begin(), h.theta.end());
+    for (const auto& e : h.effects) base_.values.emplace_back(e.values.begin(), e.values.end());
+    for (std::size_t e = 0; e < h.effects.size(); ++e)
+        base_.effects.push_back({h.effects[e].index, base_.values[e]});
+
+    std::vector<double> whole(state, 0.0);
+    const auto visit = [&](std::size_t f, const double* x) {
+        base_.x.emplace_back(Eigen::Map<const VectorXd>(x, static_cast<Eigen::Index>(dofs)));
+        std::copy_n(x, dofs, whole.begin());
+        if (!markers_m.empty()) model.observe(whole, markers_m.subspan(f * markers, markers), 1);
+        if (!points_m.empty()) model.predict_points(whole, points_m.subspan(f * points, points));
+        if (!nodes_m.empty())
+            std::copy_n(x, 3 * num_nodes(),
+                        nodes_m.begin() + static_cast<std::ptrdiff_t>(f * 3 * num_nodes()));
+    };
+    // Frame to frame the body moves much as it did in the last trajectory.
+    const auto guess = [&](std::size_t f, double* x) {
+        if (f > 0 && f < previous.size())
+            Eigen::Map<VectorXd>(x, static_cast<Eigen::Index>(dofs)) += previous[f] - previous[f - 1];
+    };
+    return player_->play(h, effects_, {}, visit, guess);
+}
+
+// Gradient of tethers, obstacles, loads, tools and pressure (3N, held nodes included).
+void Trajectory::gradient_without_body(const Hypothesis& h, const ExternalActions& actions, const double* x,
+                                       VectorXd& g) const {
+    const Scene& scene = player_->scene();
+    double energy = 0.0;
+    g.setZero(actions.force_n.size());
+    scene.add_pressure_force(x, g.data());
+    g = -(g + actions.force_n).eval();
+    add_tether_gradient(scene.parts.tethers, h.theta.data(), x, g.data(), &energy, 1, 1);
+    scene.obstacles.add_gradient(x, g.data(), &energy, 1, 1);
+    for (std::size_t k = 0; k < scene.parts.tools.size(); ++k) {
+        const auto& tool = scene.parts.tools[k];
+        const Vector3d target = actions.tool_position_m.col(static_cast<Eigen::Index>(k));
+        if (target.allFinite())
+            g.segment<3>(3 * tool.node) +=
+                tool.stiffness_n_per_m * (Eigen::Map<const Vector3d>(x + 3 * tool.node) - target);
+    }
+}
+
+// Needs player_->scene() as the base hypothesis leaves it. Fills base_.frame.
+void Trajectory::prepare_frames(bool points) const {
+    CaseModel& model = player_->model();
+    const auto& pattern = model.system().pattern();
+    const Hypothesis h = base_.hypothesis();
+    Cholesky factor(pattern);
+    ExternalActions actions;
+    ViscousMemory memory;
+    std::vector<double> values;
+    base_.frame.resize(base_.x.size());
+    for (std::size_t f = 0; f < base_.x.size(); ++f) {
+        FrameState& state = base_.frame[f];
+        const double* x = base_.x[f].data();
+        player_->enter(time_s(f), h, effects_, actions);
+        Scene& scene = player_->scene();
+        memory.enter_step(scene.viscosity, player_->step_s(f), scene.parts.body);
+        const auto& sets = scene.parts.body.points();
+        state.sets.resize(sets.size());
+        std::vector<const std::vector<double>*> shear_stress;
+        for (std::size_t s = 0; s < sets.size(); ++s) {
+            elastic_stress(sets[s], scene.parts.body.material(), x, state.sets[s].S, &state.sets[s].psi,
+                           &state.sets[s].F);
+            state.sets[s].scale = sets[s].stiffness_scale;
+            state.sets[s].prestress = sets[s].prestress;
+            state.sets[s].stiffening = sets[s].stiffening;
+            if (sets[s].part.shear != 0.0) shear_stress.push_back(&state.sets[s].S);
+        }
+        memory.finish_step(scene.viscosity, player_->step_s(f), shear_stress);
+        gradient_without_body(h, actions, x, state.g_rest);
+
+        Positions positions = Eigen::Map<const Positions>(x, 3, base_.x[f].size() / 3);
+        model.system().tangent(actions, {}, 0, h.theta.data(), positions, values);
+        const auto& start = pattern.column_start();
+        double mean = 0.0;
+        for (Eigen::Index j = 0; j < pattern.num_rows(); ++j) mean += std::abs(values[start[j]]);
+        mean /= static_cast<double>(pattern.num_rows());
+        for (double shift = 1e-8 * mean; !factor.factorise(values) && shift < mean; shift *= 10.0)
+            for (Eigen::Index j = 0; j < pattern.num_rows(); ++j) values[start[j]] += shift;
+        if (!factor.factorised()) {
+            state.C.resize(0, 0);
+            continue;
+        }
+        const auto row_of = [&](NodeIndex node) {
+            return 3 * static_cast<Eigen::Index>(pattern.free_index(node));
+        };
+        if (!base_.with_markers) {
+            MatrixXd Ht = MatrixXd::Zero(pattern.num_rows(), static_cast<Eigen::Index>(3 * num_markers()));
+            for (std::size_t m = 0; m < num_markers(); ++m) {
+                const SurfaceRider& rider = model.markers()[m];
+                const auto D = rider_derivative(rider, x);
+                for (std::size_t i = 0; i < 3; ++i)
+                    if (const auto row = row_of(rider.node[i]); row >= 0)
+                        Ht.block<3, 3>(row, static_cast<Eigen::Index>(3 * m)) += D[i].transpose();
+            }
+            factor.solve(Ht);
+            state.C = Ht.transpose().cast<float>();
+        }
+        if (points) {
+            MatrixXd Ht = MatrixXd::Zero(pattern.num_rows(), static_cast<Eigen::Index>(3 * num_points()));
+            for (std::size_t m = 0; m < num_points(); ++m)
+                for (std::size_t i = 0; i < 4; ++i)
+                    if (const auto row = row_of(model.points()[m].node[i]); row >= 0)
+                        Ht.block<3, 3>(row, static_cast<Eigen::Index>(3 * m)) +=
+                            model.points()[m].weight[i] * Matrix3d::Identity();
+            factor.solve(Ht);
+            state.C_points = Ht.transpose().cast<float>();
+        }
+    }
+    base_.with_markers = true;
+    base_.with_points = base_.with_points || points;
+}
+
+// dg = g(x; scene as it is now) - g(x; base). Points of the body whose coefficients are the base's are not
+// touched:
+//     P = F ( s (1 + b psi) S_e + S0 )
+void Trajectory::change_of_gradient(const FrameState& base, const VectorXd& g_rest, VectorXd& dg) const {
+    const Scene& scene = player_->scene();
+    dg = g_rest - base.g_rest;
+    const auto& sets = scene.parts.body.points();
+    for (std::size_t s = 0; s < sets.size(); ++s) {
+        const StrainPoints& now = sets[s];
+        const SetState& was = base.sets[s];
+        const double mu = now.part.shear * scene.parts.body.material().mu();
+        const double b_now = now.stiffening != 0.0 ? now.stiffening / mu : 0.0,
+                     b_was = was.stiffening != 0.0 ? was.stiffening / mu : 0.0;
+        for (std::size_t q = 0; q < now.size(); ++q) {
+            const double c = now.stiffness_scale[q] * (1.0 + b_now * was.psi[q]) -
+                             was.scale[q] * (1.0 + b_was * was.psi[q]);
+            const bool past = !now.prestress.empty() || !was.prestress.empty();
+            if (c == 0.0 && !past) continue;
+            double S[6];
+            for (std::size_t i = 0; i < 6; ++i) {
+                S[i] = c * was.S[6 * q + i];
+                if (!now.prestress.empty()) S[i] += now.prestress[6 * q + i];
+                if (!was.prestress.empty()) S[i] -= was.prestress[6 * q + i];
+            }
+            Matrix3d S2;
+            S2 << S[0], S[3], S[4], S[3], S[1], S[5], S[4], S[5], S[2];
+            const Matrix3d P = now.volume[q] * Eigen::Map<const Matrix3d>(&was.F[9 * q]) * S2;
+            for (auto i = static_cast<std::size_t>(now.offset[q]);
+                 i < static_cast<std::size_t>(now.offset[q + 1]); ++i)
+                dg.segment<3>(3 * now.node[i]) += P * Eigen::Map<const Vector3d>(&now.gradient[3 * i]);
+        }
+    }
+}
+
+bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<double> markers_m,
+                             std::span<double> points_m) noexcept {
+    if (base_.x.empty() || player_->scene().dynamic) return false;
+    const std::size_t F = num_frames(), M = 3 * num_markers(), P = 3 * num_points();
+    TERES_CHECK(markers_m.size() == others.size() * F * M);
+    TERES_CHECK(points_m.empty() || points_m.size() == others.size() * F * P);
+    if (!base_.with_markers || (!points_m.empty() && !base_.with_points)) prepare_frames(!points_m.empty());
+    for (const auto& state : base_.frame)
+        if (state.C.size() == 0) return false;
+
+    const auto& pattern = player_->model().system().pattern();
+    Scene& scene = player_->scene();
+    ExternalActions actions;
+    VectorXd g_rest, dg;
+    for (std::size_t k = 0; k < others.size(); ++k) {
+        ViscousMemory memory;
+        for (std::size_t f = 0; f < F; ++f) {
+            const FrameState& state = base_.frame[f];
+            player_->enter(time_s(f), others[k], effects_, actions);
+            if (!scene.viscosity.empty()) {
+                memory.enter_step(scene.viscosity, player_->step_s(f), scene.parts.body);
+                std::vector<const std::vector<double>*> stress;
+                for (std::size_t s = 0; s < state.sets.size(); ++s)
+                    if (scene.parts.body.points()[s].part.shear != 0.0) stress.push_back(&state.sets[s].S);
+                memory.finish_step(scene.viscosity, player_->step_s(f), stress);
+            }
+            gradient_without_body(others[k], actions, base_.x[f].data(), g_rest);
+            change_of_gradient(state, g_rest, dg);
+            Eigen::Map<VectorXd> dz(&markers_m[(k * F + f) * M], static_cast<Eigen::Index>(M));
+            dz.setZero();
+            VectorXd dp = VectorXd::Zero(static_cast<Eigen::Index>(points_m.empty() ? 0 : P));
+            for (Eigen::Index i = 0; i < dg.size() / 3; ++i) {
+                const Eigen::Vector3f change = dg.segment<3>(3 * i).cast<float>();
+                const auto row = 3 * static_cast<Eigen::Index>(pattern.free_index(static_cast<NodeIndex>(i)));
+                if (row < 0 || change.isZero(0.0f)) continue;
+                dz -= (state.C.middleCols<3>(row) * change).cast<double>();
+                if (dp.size() > 0) dp -= (state.C_points.middleCols<3>(row) * change).cast<double>();
+            }
+            if (dp.size() > 0) std::copy_n(dp.data(), dp.size(), &points_m[(k * F + f) * P]);
+        }
+    }
+    return true;
+}
+
+bool Trajectory::marker_compliance(std::int32_t node, std::span<double> out) const noexcept {
+    const std::size_t M = 3 * num_markers();
+    TERES_CHECK(out.size() == num_frames() * M * 3);
+    if (base_.x.empty() || player_->scene().dynamic || node < 0 ||
+        static_cast<std::size_t>(node) >= num_nodes())
+        return false;
+    if (!base_.with_markers) prepare_frames(false);
+    for (const auto& state : base_.frame)
+        if (state.C.size() == 0) return false;
+    const auto row = 3 * static_cast<Eigen::Index>(player_->model().system().pattern().free_index(node));
+    for (std::size_t f = 0; f < num_frames(); ++f)
+        for (std::size_t r = 0; r < M; ++r)
+            for (std::size_t b = 0; b < 3; ++b)
+                out[(f * M + r) * 3 + b] = row < 0 ? 0.0
+                                                   : base_.frame[f].C(static_cast<Eigen::Index>(r),
+                                                                      row + static_cast<Eigen::Index>(b));
+    return true;
+}
+
+void Trajectory::add_variants(const Case& c, const PlayerSettings& settings) {
+    const auto add = [&](const std::string& name, const auto& change) {
+        Variant v{name, c, settings, nullptr};
+        v.settings.soft_clamps = false;
+        change(v);
+        variants_.push_back(std::move(v));
+    };
+    add("10-node elements", [](Variant& v) { v.settings.model.element = ElementType::kQuadratic; });
+    add("nodal shear", [](Variant& v) { v.settings.model.shear_blend = 0.1; });
+    add("element shear", [](Variant& v) { v.settings.model.shear_blend = 1.0; });
+    const BodyLaw law = c.body.law;
+    if (law != BodyLaw::kNeoHookean)
+        add("neo-Hookean", [](Variant& v) { v.data.body.law = BodyLaw::kNeoHookean; });
+    if (law != BodyLaw::kStVK)
+        add("Saint Venant-Kirchhoff", [](Variant& v) { v.data.body.law = BodyLaw::kStVK; });
+    if (law == BodyLaw::kOgden)
+        for (const double alpha : {-2.0, 4.0})
+            add("Ogden alpha " + std::to_string(static_cast<int>(alpha)),
+                [alpha](Variant& v) { v.data.body.alpha = alpha; });
+}
+
+TrajectoryReport Trajectory::simulate_variant(std::size_t index, const Hypothesis& h,
+                                              std::span<const std::int32_t> frames,
+                                              std::span<double> markers_m) noexcept {
+    Variant& v = variants_[index];
+    if (!v.player) {
+        auto made = ScenePlayer::make(v.data, v.settings);
+        if (!made) return {static_cast<std::int32_t>(frames.size()), 0, 1.0};
+        v.player = std::move(*made);
+    }
+    CaseModel& model = v.player->model();
+    const std::size_t markers = 3 * model.num_markers(), dofs = 3 * model.num_nodes();
+    TERES_CHECK(markers_m.size() == frames.size() * markers);
+    std::vector<double> whole(model.num_state(), 0.0);
+    std::size_t k = 0;
+    return v.player->play(h, effects_, frames, [&](std::size_t, const double* x) {
+        std::copy_n(x, dofs, whole.begin());
+        model.observe(whole, markers_m.subspan(k++ * markers, markers), 1);
+    });
+}
+
+}  // namespace teres

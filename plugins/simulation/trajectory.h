@@ -1,0 +1,110 @@
+// Whole recordings of a case under hypotheses (teres.trajectory_model/1): simulation, and the first-order
+// response of the markers to other hypotheses by one compliance matrix per frame,
+//
+//     K_f dx = -(g(x_f; other) - g(x_f; base)),   dz_f = H_f dx = -C_f dg,   C_f = H_f K_f^-1   (3M x 3N)
+//
+// x_f: the base trajectory, H_f: derivative of the markers by the nodes. C_f is kept (single precision).
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "plugins/simulation/scene_player.h"
+
+namespace teres {
+
+class Trajectory final : public TrajectoryModel {
+  public:
+    /// Errors: of CaseModel::make.
+    static Result<std::unique_ptr<Trajectory>> make(const Case& c, const PlayerSettings& settings);
+
+    std::size_t num_effects() const noexcept override { return effects_.size(); }
+    EffectInfo effect(std::size_t index) const noexcept override {
+        return effects_[index]->description().info();
+    }
+    EffectParameter effect_parameter(std::size_t effect, std::size_t parameter) const noexcept override {
+        return effects_[effect]->description().parameters[parameter];
+    }
+    void effect_candidate(std::size_t effect, std::size_t candidate,
+                          std::span<double> values) const noexcept override;
+
+    std::size_t num_parameters() const noexcept override { return player_->model().num_parameters(); }
+    NominalParameter parameter(std::size_t index) const noexcept override;
+    std::size_t num_frames() const noexcept override { return player_->times().size(); }
+    double time_s(std::size_t frame) const noexcept override { return player_->times()[frame]; }
+    std::size_t num_markers() const noexcept override { return player_->model().num_markers(); }
+    std::int32_t marker_id(std::size_t index) const noexcept override {
+        return player_->model().marker_id(index);
+    }
+    std::size_t num_points() const noexcept override { return player_->model().num_points(); }
+    std::int32_t point_id(std::size_t index) const noexcept override {
+        return player_->model().point_id(index);
+    }
+
+    std::size_t num_nodes() const noexcept override { return player_->model().mesh().num_nodes(); }
+    void rest_positions(std::span<double> x_m) const noexcept override;
+    std::size_t num_surface_triangles() const noexcept override {
+        return player_->model().mesh().surface.size();
+    }
+    void surface_triangles(std::span<std::int32_t> node) const noexcept override;
+
+    TrajectoryReport simulate(const Hypothesis& h, std::span<double> markers_m, std::span<double> points_m,
+                              std::span<double> nodes_m) noexcept override;
+    bool first_order(std::span<const Hypothesis> others, std::span<double> markers_m,
+                     std::span<double> points_m) noexcept override;
+    bool marker_compliance(std::int32_t node, std::span<double> out) const noexcept override;
+
+    std::size_t num_variants() const noexcept override { return variants_.size(); }
+    const char* variant_name(std::size_t index) const noexcept override {
+        return variants_[index].name.c_str();
+    }
+    TrajectoryReport simulate_variant(std::size_t index, const Hypothesis& h,
+                                      std::span<const std::int32_t> frames,
+                                      std::span<double> markers_m) noexcept override;
+
+    ScenePlayer& player() { return *player_; }
+    const std::vector<std::unique_ptr<Effect>>& effects() const { return effects_; }
+
+  private:
+    struct Variant {
+        std::string name;
+        Case data;
+        PlayerSettings settings;
+        std::unique_ptr<ScenePlayer> player;  // made on first use
+    };
+    // What first_order() needs of the base at one frame.
+    struct SetState {
+        std::vector<double> S, psi, F;  // elastic_stress()
+        std::vector<double> scale, prestress;
+        double stiffening = 0.0;
+    };
+    struct FrameState {
+        std::vector<SetState> sets;
+        Eigen::VectorXd g_rest;       // gradient of all but the body, 3N
+        Eigen::MatrixXf C, C_points;  // rows x free dofs
+    };
+    struct Base {
+        std::vector<double> theta;
+        std::vector<std::vector<double>> values;
+        std::vector<EffectInstance> effects;
+        std::vector<Eigen::VectorXd> x;  // per frame, 3N
+        std::vector<FrameState> frame;   // made on first use
+        bool with_markers = false, with_points = false;
+        Hypothesis hypothesis() const { return {theta, effects}; }
+    };
+
+    Trajectory() = default;
+    void add_variants(const Case& c, const PlayerSettings& settings);
+    void prepare_frames(bool points) const;
+    void gradient_without_body(const Hypothesis& h, const ExternalActions& actions, const double* x,
+                               Eigen::VectorXd& g) const;
+    void change_of_gradient(const FrameState& base, const Eigen::VectorXd& g_rest, Eigen::VectorXd& dg) const;
+
+    std::unique_ptr<ScenePlayer> player_;
+    std::vector<std::unique_ptr<Effect>> effects_;
+    std::vector<Variant> variants_;
+    mutable Base base_;  // its frames are made on first use
+};
+
+}  // namespace teres

@@ -1,0 +1,285 @@
+// Whole recordings under hypotheses: the null hypothesis is the forward model, first order is the derivative
+// of the simulation, every tangent is that of its gradient.
+#include "plugins/simulation/trajectory.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <set>
+
+#include "core/case/load_tracks.h"
+#include "tests/support/synthetic_case.h"
+
+namespace teres {
+namespace {
+
+using Eigen::VectorXd;
+
+// A block on a ligament at x = 0 that also has a clamped edge, loaded at its far face.
+Case block(bool quasi_static = true) {
+    Case c = test::clamped_block({.size_m = {0.10, 0.04, 0.04},
+                                  .cells = {8, 3, 3},
+                                  .law = BodyLaw::kNeoHookean,
+                                  .youngs_modulus_pa = 15e3,
+                                  .poissons_ratio = 0.45,
+                                  .frames = 6,
+                                  .dt_s = 0.2,
+                                  .quasi_static = quasi_static,
+                                  .full_force_n = {0.03, 0.05, -0.08}});
+    c.ligament = LigamentData{LigamentLaw::kNeoHookean, 50e3, 0.45, 0.02, 0.04, 0.0};
+    std::vector<std::int32_t> edge;
+    for (const auto node : c.clamped)
+        if (c.mesh.nodes[std::size_t(node)][1] == 0.0)
+            edge.push_back(node);
+        else
+            c.ligament_prior.push_back({node, 0.7});
+    c.clamped = edge;
+    c.sensor.camera_position_m = Point{0.05, 0.02, 0.4};
+    return c;
+}
+
+PlayerSettings exact() {
+    PlayerSettings s;
+    s.model.ligament.num_groups = 3;
+    s.model.equilibrium.relative_residual = 1e-7;
+    s.model.equilibrium.max_iterations = 200;
+    s.max_step_s = 0.05;
+    return s;
+}
+
+std::vector<double> prior(const TrajectoryModel& t) {
+    std::vector<double> theta;
+    for (std::size_t p = 0; p < t.num_parameters(); ++p)
+        theta.push_back(std::exp(t.parameter(p).prior_log_mean));
+    return theta;
+}
+
+std::vector<double> markers_under(Trajectory& t, const std::vector<double>& theta,
+                                  const std::vector<EffectInstance>& effects) {
+    std::vector<double> z(t.num_frames() * 3 * t.num_markers());
+    const TrajectoryReport r = t.simulate({theta, effects}, z, {}, {});
+    EXPECT_EQ(r.frames_converged, r.frames)
+        << (effects.empty() ? "nominal" : t.effect(std::size_t(effects[0].index)).id);
+    return z;
+}
+
+// An edge on the thin layer that stands for a clamp is as good as clamped; the rest is the same model.
+TEST(Trajectory, NominalIsTheForwardModel) {
+    const Case c = block();
+    auto t = *Trajectory::make(c, exact());
+    auto model = *CaseModel::make(c, exact().model);
+    const auto theta = prior(*t);
+    const auto z = markers_under(*t, theta, {});
+    VectorXd x(static_cast<Eigen::Index>(model->num_state()));
+    model->rest_state({x.data(), model->num_state()});
+    std::vector<double> seen(3 * model->num_markers());
+    double error = 0.0, moved = 0.0;
+    for (std::size_t f = 0; f < t->num_frames(); ++f) {
+        const Point& force = c.loads[f].force_n;
+        model->advance({t->time_s(f), 0.2, force, {}}, theta, {x.data(), model->num_state()}, 1);
+        model->observe({x.data(), model->num_state()}, seen, 1);
+        for (std::size_t i = 0; i < seen.size(); ++i) {
+            error = std::max(error, std::abs(seen[i] - z[f * seen.size() + i]));
+            moved = std::max(moved, std::abs(seen[i] - z[i]));
+        }
+    }
+    EXPECT_GT(moved, 3e-3);
+    EXPECT_LT(error, 2e-3 * moved);
+}
+
+// All effects of the catalogue, each at a candidate of its own.
+struct Sample {
+    std::size_t effect;
+    std::vector<double> values;
+};
+std::vector<Sample> samples(const Trajectory& t) {
+    std::vector<Sample> out;
+    for (std::size_t e = 0; e < t.num_effects(); ++e) {
+        const EffectInfo info = t.effect(e);
+        for (const std::int32_t k : {0, info.num_candidates / 2}) {
+            if (k >= info.num_candidates ||
+                (k == 0 && info.num_candidates == 1 && !out.empty() && out.back().effect == e))
+                continue;
+            Sample s{e, std::vector<double>(std::size_t(info.num_parameters))};
+            t.effect_candidate(e, std::size_t(k), s.values);
+            out.push_back(std::move(s));
+        }
+    }
+    return out;
+}
+
+// The amplitudes at `share` of the way from null to the candidate.
+std::vector<double> scaled(const Trajectory& t, const Sample& s, double share) {
+    std::vector<double> values = s.values;
+    for (std::size_t p = 0; p < values.size(); ++p) {
+        const EffectParameter parameter = t.effect_parameter(s.effect, p);
+        if (parameter.role == EffectRole::kAmplitude)
+            values[p] = parameter.null_value + share * (values[p] - parameter.null_value);
+    }
+    return values;
+}
+
+TEST(Trajectory, NullValuesAreNominalExactly) {
+    auto t = *Trajectory::make(block(), exact());
+    const auto theta = prior(*t);
+    const auto nominal = markers_under(*t, theta, {});
+    for (const Sample& s : samples(*t)) {
+        const auto values = scaled(*t, s, 0.0);
+        const std::vector<EffectInstance> on{{std::int32_t(s.effect), values}};
+        std::vector<double> z(nominal.size());
+        std::vector<Hypothesis> others{{theta, on}};
+        ASSERT_TRUE(t->first_order(others, z, {}));
+        for (const double v : z) ASSERT_EQ(v, 0.0) << t->effect(s.effect).id;
+    }
+}
+
+TEST(Trajectory, CandidatesLieWithinBounds) {
+    auto t = *Trajectory::make(block(), exact());
+    std::set<std::string> ids;
+    for (std::size_t e = 0; e < t->num_effects(); ++e) {
+        const EffectInfo info = t->effect(e);
+        EXPECT_TRUE(ids.insert(info.id).second);
+        EXPECT_EQ(info.num_candidates == 0, info.not_applicable != nullptr) << info.id;
+        std::vector<double> values(std::size_t(info.num_parameters));
+        for (std::int32_t k = 0; k < info.num_candidates; ++k) {
+            t->effect_candidate(e, std::size_t(k), values);
+            for (std::size_t p = 0; p < values.size(); ++p) {
+                EXPECT_GE(values[p], t->effect_parameter(e, p).lower)
+                    << info.id << "." << t->effect_parameter(e, p).name;
+                EXPECT_LE(values[p], t->effect_parameter(e, p).upper)
+                    << info.id << "." << t->effect_parameter(e, p).name;
+            }
+        }
+    }
+}
+
+// First order about a base with effects on: the derivative of the simulation, by differences of it.
+TEST(Trajectory, FirstOrderIsTheDerivativeOfTheSimulation) {
+    auto t = *Trajectory::make(block(), exact());
+    const auto theta = prior(*t);
+    for (const Sample& s : samples(*t)) {
+        const double h = 0.02;
+        const auto plus = scaled(*t, s, h), zero = scaled(*t, s, 0.0);
+        const std::vector<EffectInstance> on{{std::int32_t(s.effect), plus}};
+        const auto moved = markers_under(*t, theta, on);
+        const auto nominal = markers_under(*t, theta, {});
+        std::vector<double> linear(nominal.size());
+        const std::vector<Hypothesis> others{{theta, on}};
+        ASSERT_TRUE(t->first_order(others, linear, {}));
+        double error = 0.0, size = 0.0;
+        for (std::size_t i = 0; i < linear.size(); ++i) {
+            error += std::pow(moved[i] - nominal[i] - linear[i], 2);
+            size += std::pow(moved[i] - nominal[i], 2);
+        }
+        EXPECT_LT(std::sqrt(error), 0.03 * std::sqrt(size) + 1e-8) << t->effect(s.effect).id;
+        EXPECT_GT(size, 0.0) << t->effect(s.effect).id;
+    }
+}
+
+// dg/dx of the whole system under every effect, column by column along random directions.
+TEST(Trajectory, TangentIsTheDerivativeOfTheGradient) {
+    auto t = *Trajectory::make(block(), exact());
+    const auto theta = prior(*t);
+    auto& system = t->player().model().system();
+    const std::size_t dofs = 3 * system.num_nodes(), stride = padded_lanes(1);
+    for (const Sample& s : samples(*t)) {
+        const std::vector<EffectInstance> on{{std::int32_t(s.effect), s.values}};
+        ExternalActions actions;
+        t->player().enter(0.8, {theta, on}, t->effects(), actions);
+        ViscousMemory memory;
+        VectorXd x = system.parts().X.reshaped();
+        for (Eigen::Index d = 0; d < x.size(); ++d) x(d) += 1e-3 * std::sin(1.0 + 7.0 * double(d));
+        memory.finish_step(t->player().scene().viscosity, 0.2, system.parts().body, x.data());
+        memory.enter_step(t->player().scene().viscosity, 0.2, system.parts().body);
+        std::vector<double> theta_batch;
+        for (const double p : theta) theta_batch.insert(theta_batch.end(), stride, p);
+        const auto gradient = [&](const VectorXd& at) {
+            std::vector<double> batch, g(dofs * stride), energy(stride);
+            for (const double v : at) batch.insert(batch.end(), stride, v);
+            system.gradient(actions, {}, theta_batch.data(), batch.data(), g.data(), energy.data(), stride,
+                            1);
+            VectorXd out(at.size());
+            for (Eigen::Index d = 0; d < out.size(); ++d) out(d) = g[std::size_t(d) * stride];
+            return std::pair(out, energy[0]);
+        };
+        for (Eigen::Index d = 0; d < x.size(); ++d) x(d) += 5e-4 * std::cos(2.0 + 3.0 * double(d));
+        VectorXd u(x.size());
+        for (Eigen::Index d = 0; d < u.size(); ++d) u(d) = std::sin(11.0 * double(d) + 0.3);
+        const double h = 1e-7;
+        const auto [plus, e_plus] = gradient(x + h * u);
+        const auto [minus, e_minus] = gradient(x - h * u);
+        EXPECT_NEAR((e_plus - e_minus) / (2.0 * h), gradient(x).first.dot(u),
+                    2e-5 * gradient(x).first.norm() * u.norm())
+            << t->effect(s.effect).id;
+        std::vector<double> values;
+        const Positions positions = Eigen::Map<const Positions>(x.data(), 3, x.size() / 3);
+        ASSERT_TRUE(system.tangent(actions, {}, 0, theta.data(), positions, values));
+        VectorXd Ku = VectorXd::Zero(system.pattern().num_rows()), uf = Ku, gf = Ku;
+        for (std::size_t i = 0; i < system.num_nodes(); ++i)
+            if (const auto row = system.pattern().free_index(NodeIndex(i)); row >= 0) {
+                uf.segment<3>(3 * row) = u.segment<3>(3 * Eigen::Index(i));
+                gf.segment<3>(3 * row) = (plus - minus).segment<3>(3 * Eigen::Index(i)) / (2.0 * h);
+            }
+        system.pattern().multiply(values, uf.data(), Ku.data());
+        EXPECT_LT((Ku - gf).norm(), 1e-5 * gf.norm()) << t->effect(s.effect).id;
+    }
+}
+
+// A hypothesis is a function of its values alone: the order of calls does not matter.
+TEST(Trajectory, SimulationDoesNotRememberTheLastOne) {
+    auto t = *Trajectory::make(block(), exact());
+    const auto theta = prior(*t);
+    const auto before = markers_under(*t, theta, {});
+    for (const Sample& s : samples(*t))
+        markers_under(*t, theta, std::vector<EffectInstance>{{std::int32_t(s.effect), s.values}});
+    const auto after = markers_under(*t, theta, {});
+    for (std::size_t i = 0; i < before.size(); ++i) EXPECT_NEAR(before[i], after[i], 1e-8);
+}
+
+TEST(Trajectory, MarkerComplianceIsTheResponseToAUnitForce) {
+    Case c = block();
+    auto t = *Trajectory::make(c, exact());
+    const auto theta = prior(*t);
+    markers_under(*t, theta, {});
+    const std::int32_t node = c.load_regions[0].node_ids.front();
+    std::vector<double> C(t->num_frames() * 3 * t->num_markers() * 3);
+    ASSERT_TRUE(t->marker_compliance(node, C));
+    const double force = 1e-5;
+    Case pushed = c;
+    pushed.load_regions.push_back({"node", {node}, {1.0}});
+    for (std::size_t f = 0; f < t->num_frames(); ++f)
+        pushed.loads.push_back({t->time_s(f), 1, {0.0, force, 0.0}});
+    std::sort(pushed.loads.begin(), pushed.loads.end(),
+              [](const auto& a, const auto& b) { return a.t_s < b.t_s; });
+    auto other = *Trajectory::make(pushed, exact());
+    const auto moved = markers_under(*other, theta, {}), nominal = markers_under(*t, theta, {});
+    double error = 0.0, size = 0.0;
+    for (std::size_t r = 0; r < moved.size(); ++r) {
+        error = std::max(error, std::abs((moved[r] - nominal[r]) / force - C[3 * r + 1]));
+        size = std::max(size, std::abs(C[3 * r + 1]));
+    }
+    EXPECT_LT(error, 5e-3 * size);
+}
+
+TEST(Trajectory, VariantsConvergeAndDiffer) {
+    auto t = *Trajectory::make(block(), exact());
+    const auto theta = prior(*t);
+    const auto nominal = markers_under(*t, theta, {});
+    const std::vector<std::int32_t> frames{2, 5};
+    const std::size_t M = 3 * t->num_markers();
+    for (std::size_t v = 0; v < t->num_variants(); ++v) {
+        std::vector<double> z(frames.size() * M);
+        const TrajectoryReport r = t->simulate_variant(v, {theta, {}}, frames, z);
+        EXPECT_EQ(r.frames_converged, 2) << t->variant_name(v);
+        double difference = 0.0, moved = 0.0;
+        for (std::size_t i = 0; i < M; ++i) {
+            difference = std::max(difference, std::abs(z[M + i] - nominal[5 * M + i]));
+            moved = std::max(moved, std::abs(nominal[5 * M + i] - nominal[i]));
+        }
+        EXPECT_GT(difference, 1e-6) << t->variant_name(v);
+        EXPECT_LT(difference, 0.5 * moved) << t->variant_name(v);
+    }
+}
+
+}  // namespace
+}  // namespace teres
