@@ -52,8 +52,9 @@ class TrajectoryModel : public EffectCatalogue {
                                       std::span<double> nodes_m) noexcept = 0;
 
     /// First-order response of markers (and points if not empty) when hypothesis `base` (that of the last simulate()) is
-    /// replaced by each of `others`: quasi-static, per frame  K(x; base) dx = -(g(x; other) - g(x; base)). Column k of
-    /// the output (3 M F rows each) is the change of the marker trajectory.
+    /// replaced by each of `others`: quasi-static, per frame  K(x; base) dx = -dg, dg the derivative of the gradient
+    /// g(x; .) from `base` towards `other` along the transformed parameters (ln theta; amplitudes from their null value
+    /// where `base` has not the effect). Column k of the output (3 M F rows each) is the change of the marker trajectory.
     virtual bool first_order(std::span<const Hypothesis> others, std::span<double> markers_m,
                              std::span<double> points_m) noexcept = 0;
 

@@ -16,7 +16,7 @@ struct PlayerSettings {
     CaseModelSettings model;
     double max_step_s = 0.0025;  ///< of dynamic cases; frames further apart are played in substeps
     bool soft_clamps = true;     ///< clamped nodes sit on a thin stiff layer instead of being held, so that
-                              ///< effects can move it or let it give way
+                                 ///< effects can move it or let it give way
 };
 
 class ScenePlayer {

@@ -7,6 +7,13 @@ using Eigen::Vector3d;
 
 namespace {
 
+constexpr double kTaut = 0.02;  // share of a slack band that stays taut
+
+Matrix3d band_stiffness(const BandPatch& band) {
+    const Matrix3d nn = band.normal * band.normal.transpose();
+    return nn + band.shear_ratio * (Matrix3d::Identity() - nn);
+}
+
 // Energy and gradient at theta = 1.
 double energy_and_gradient(const Tether& t, const Vector3d& x, Vector3d& gradient) noexcept {
     switch (t.kind) {
@@ -15,7 +22,15 @@ double energy_and_gradient(const Tether& t, const Vector3d& x, Vector3d& gradien
             const double normal = u.dot(t.band.normal);
             const Vector3d tangential = u - normal * t.band.normal;
             gradient = t.share * (normal * t.band.normal + t.band.shear_ratio * tangential);
-            return 0.5 * gradient.dot(u);
+            const double energy = 0.5 * gradient.dot(u), length = u.norm(), z = t.band.dead_zone_m;
+            if (z == 0.0) return energy;
+            gradient *= kTaut;
+            if (length <= z) return kTaut * energy;
+            // v = u (1 - z/|u|), dv/du = I - z/|u| (I - e e^T), e = u/|u|
+            const Vector3d e = u / length,
+                           a = (1.0 - kTaut) * t.share * (band_stiffness(t.band) * (u - z * e));
+            gradient += (1.0 - z / length) * a + z / length * e.dot(a) * e;
+            return kTaut * energy + 0.5 * a.dot(u - z * e);
         }
         case Tether::Kind::kSpring:
             gradient = -t.share * t.spring.force(x);
@@ -52,8 +67,18 @@ void add_tether_gradient(const std::vector<Tether>& tethers, const double* theta
 Matrix3d tether_stiffness(const Tether& t, const Vector3d& x) noexcept {
     switch (t.kind) {
         case Tether::Kind::kBand: {
-            const Matrix3d nn = t.band.normal * t.band.normal.transpose();
-            return t.share * (nn + t.band.shear_ratio * (Matrix3d::Identity() - nn));
+            const Matrix3d A = t.share * band_stiffness(t.band);
+            const double z = t.band.dead_zone_m;
+            if (z == 0.0) return A;
+            const Vector3d u = x - t.band.rest;
+            const double length = u.norm();
+            if (length <= z) return kTaut * A;
+            // J A J + sum_k a_k d2v_k/du2, a = A v, d2v/du2 from that of the unit vector e
+            const Vector3d e = u / length, a = (1.0 - kTaut) * A * (u - z * e);
+            const Matrix3d I = Matrix3d::Identity(), J = I - z / length * (I - e * e.transpose());
+            return kTaut * A + (1.0 - kTaut) * J * A * J +
+                   z / (length * length) *
+                       (a.dot(e) * (I - 3.0 * e * e.transpose()) + a * e.transpose() + e * a.transpose());
         }
         case Tether::Kind::kSpring:
             return t.share * t.spring.stiffness(x);

@@ -23,6 +23,8 @@ struct BandPatch {
     Eigen::Vector3d rest = Eigen::Vector3d::Zero();    ///< X [m]
     Eigen::Vector3d normal = Eigen::Vector3d::Zero();  ///< n
     double shear_ratio = 0.3;                          ///< r: tangential over normal stiffness
+    double dead_zone_m = 0.0;  ///< z: u is shortened by z first (a slack band), u (1 - z/|u|), 0 for |u| < z;
+                               ///< a small share of the band stays taut so that the body never floats
 };
 
 struct Tether {

@@ -16,6 +16,8 @@ using Eigen::VectorXd;
 
 namespace {
 
+constexpr double kDerivativeStep = 1e-3;  // of the way to the other hypothesis
+
 // dz/dx_i of a rider z = sum w_i x_i + o n, n = c/|c|, c = (x_1 - x_0) x (x_2 - x_0):  dn = (I - n n^T)/|c|
 // dc
 std::array<Matrix3d, 3> rider_derivative(const SurfaceRider& rider, const double* x) {
@@ -226,6 +228,41 @@ void Trajectory::change_of_gradient(const FrameState& base, const VectorXd& g_re
     }
 }
 
+Trajectory::Point Trajectory::toward(const Hypothesis& other, double share) const {
+    const auto between = [&](EffectTransform transform, double from, double to) {
+        if (from == to) return from;
+        return transform == EffectTransform::kLog && from > 0.0 && to > 0.0
+                   ? from * std::pow(to / from, share)
+                   : from + share * (to - from);
+    };
+    const auto values_in = [](std::span<const EffectInstance> effects,
+                              std::size_t e) -> std::span<const double> {
+        for (const auto& on : effects)
+            if (static_cast<std::size_t>(on.index) == e) return on.values;
+        return {};
+    };
+    Point point;
+    for (std::size_t p = 0; p < other.theta.size(); ++p)
+        point.theta.push_back(between(EffectTransform::kLog, base_.theta[p], other.theta[p]));
+    std::vector<std::int32_t> index;
+    for (std::size_t e = 0; e < effects_.size(); ++e) {
+        const auto from = values_in(base_.effects, e), to = values_in(other.effects, e);
+        if (from.empty() && to.empty()) continue;
+        auto& values = point.values.emplace_back();
+        index.push_back(static_cast<std::int32_t>(e));
+        const auto& parameters = effects_[e]->description().parameters;
+        for (std::size_t p = 0; p < parameters.size();
+             ++p) {  // an effect that is off: null amplitudes, the same shape
+            const bool amplitude = parameters[p].role == EffectRole::kAmplitude;
+            const double a = !from.empty() ? from[p] : amplitude ? parameters[p].null_value : to[p];
+            const double b = !to.empty() ? to[p] : amplitude ? parameters[p].null_value : from[p];
+            values.push_back(between(parameters[p].transform, a, b));
+        }
+    }
+    for (std::size_t k = 0; k < index.size(); ++k) point.effects.push_back({index[k], point.values[k]});
+    return point;
+}
+
 bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<double> markers_m,
                              std::span<double> points_m) noexcept {
     if (base_.x.empty() || player_->scene().dynamic) return false;
@@ -242,9 +279,10 @@ bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<doubl
     VectorXd g_rest, dg;
     for (std::size_t k = 0; k < others.size(); ++k) {
         ViscousMemory memory;
+        const Point other = toward(others[k], kDerivativeStep);
         for (std::size_t f = 0; f < F; ++f) {
             const FrameState& state = base_.frame[f];
-            player_->enter(time_s(f), others[k], effects_, actions);
+            player_->enter(time_s(f), other.hypothesis(), effects_, actions);
             if (!scene.viscosity.empty()) {
                 memory.enter_step(scene.viscosity, player_->step_s(f), scene.parts.body);
                 std::vector<const std::vector<double>*> stress;
@@ -252,8 +290,9 @@ bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<doubl
                     if (scene.parts.body.points()[s].part.shear != 0.0) stress.push_back(&state.sets[s].S);
                 memory.finish_step(scene.viscosity, player_->step_s(f), stress);
             }
-            gradient_without_body(others[k], actions, base_.x[f].data(), g_rest);
+            gradient_without_body(other.hypothesis(), actions, base_.x[f].data(), g_rest);
             change_of_gradient(state, g_rest, dg);
+            dg /= kDerivativeStep;
             Eigen::Map<VectorXd> dz(&markers_m[(k * F + f) * M], static_cast<Eigen::Index>(M));
             dz.setZero();
             VectorXd dp = VectorXd::Zero(static_cast<Eigen::Index>(points_m.empty() ? 0 : P));

@@ -94,6 +94,16 @@ class Trajectory final : public TrajectoryModel {
         Hypothesis hypothesis() const { return {theta, effects}; }
     };
 
+    /// A hypothesis with its own storage.
+    struct Point {
+        std::vector<double> theta;
+        std::vector<std::vector<double>> values;
+        std::vector<EffectInstance> effects;
+        Hypothesis hypothesis() const { return {theta, effects}; }
+    };
+    /// The point a share of the way from the base to `other`, in transformed parameters.
+    Point toward(const Hypothesis& other, double share) const;
+
     Trajectory() = default;
     void add_variants(const Case& c, const PlayerSettings& settings);
     void prepare_frames(bool points) const;

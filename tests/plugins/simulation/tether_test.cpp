@@ -28,7 +28,9 @@ std::vector<Tether> one_of_each() {
     Tether bar = cubic;
     bar.kind = Tether::Kind::kBar;
     bar.spring.k = {90.0, 0.0, 0.0};
-    return {band, cubic, bar};
+    Tether slack = band;
+    slack.band.dead_zone_m = 0.003;
+    return {band, cubic, bar, slack};
 }
 
 struct Value {

@@ -34,6 +34,7 @@ Case block(bool quasi_static = true) {
         else
             c.ligament_prior.push_back({node, 0.7});
     c.clamped = edge;
+    c.loads[0].force_n = {0.0, -0.02, 0.01};
     c.sensor.camera_position_m = Point{0.05, 0.02, 0.4};
     return c;
 }
@@ -158,7 +159,7 @@ TEST(Trajectory, FirstOrderIsTheDerivativeOfTheSimulation) {
     auto t = *Trajectory::make(block(), exact());
     const auto theta = prior(*t);
     for (const Sample& s : samples(*t)) {
-        const double h = 0.02;
+        const double h = 1e-3;
         const auto plus = scaled(*t, s, h), zero = scaled(*t, s, 0.0);
         const std::vector<EffectInstance> on{{std::int32_t(s.effect), plus}};
         const auto moved = markers_under(*t, theta, on);

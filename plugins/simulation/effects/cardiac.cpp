@@ -1,0 +1,57 @@
+// cardiac: the beating heart pushes on a patch under the diaphragm, F(t) = C cos wt + S sin wt.
+#include <cmath>
+#include <numbers>
+
+#include "plugins/simulation/effects/effect.h"
+#include "plugins/simulation/effects/places.h"
+
+namespace teres {
+namespace {
+
+class Cardiac final : public Effect {
+  public:
+    explicit Cardiac(const Scene& scene) {
+        d_.id = "cardiac";
+        d_.kind = "load";
+        d_.family = "cardiac";
+        d_.summary = "the heart beats against the body";
+        d_.source = "heart 10 mm, neighbouring vessels 2-3 mm: arXiv 1405.6747; liver 1-3 mm assumed";
+        for (const char* name : {"cos_x", "cos_y", "cos_z", "sin_x", "sin_y", "sin_z"})
+            d_.parameters.push_back(amplitude(name, "N", EffectTransform::kIdentity, 0.0, 0.15, -3.0, 3.0));
+        add_centre(d_.parameters, scene);
+        const double radius = 0.1 * scene.size_m, duration = scene.end_s - scene.start_s;
+        d_.parameters.push_back(
+            log_shape("radius", "m", radius, 0.4, 0.02 * scene.size_m, 0.5 * scene.size_m));
+        d_.parameters.push_back(log_shape("frequency", "Hz", 1.2, 0.25, 0.5, 3.0));
+        if (!(duration > 0.0) || !(scene.data.dt_s < 0.5)) {
+            d_.not_applicable = "frames are too far apart to see a heart beat";
+            return;
+        }
+        std::vector<double> values = central_candidate(d_.parameters);
+        const double step = std::max(0.5 / duration, 0.8 / 16.0);
+        for (const auto& p : surface_places(scene, 16, false))
+            for (double f = 0.9; f <= 1.7 + 1e-9; f += step) {
+                values[6] = p.x();
+                values[7] = p.y();
+                values[8] = p.z();
+                values[10] = f;
+                d_.candidates.push_back(values);
+            }
+    }
+    void apply(std::span<const double> v, Scene& scene) const override {
+        const double phase = 2.0 * std::numbers::pi * v[10] * (scene.t_s - scene.start_s);
+        const Eigen::Vector3d F = std::cos(phase) * Eigen::Vector3d(v[0], v[1], v[2]) +
+                                  std::sin(phase) * Eigen::Vector3d(v[3], v[4], v[5]);
+        const Patch patch = surface_patch(scene, {v[6], v[7], v[8]}, v[9]);
+        for (std::size_t k = 0; k < patch.node.size(); ++k)
+            scene.force_n.col(patch.node[k]) += patch.area_m2[k] / patch.total_m2 * F;
+    }
+};
+
+}  // namespace
+
+std::unique_ptr<Effect> make_cardiac(const Scene& nominal) {
+    return std::make_unique<Cardiac>(nominal);
+}
+
+}  // namespace teres
