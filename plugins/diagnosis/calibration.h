@@ -1,0 +1,29 @@
+// Every number of the diagnosis that was fitted on simulated cases rather than derived. Regenerate with
+// `teres blindtest` (see README.md, "Calibration"): it prints the values that minimise the log loss.
+#pragma once
+
+namespace teres {
+
+struct Calibration {
+    /// Effective number of independent samples in a recording: residuals are structured model error, so that the
+    /// likelihood counts as that of nu samples, not of thousands (a raw evidence is always certain, and mostly wrong).
+    double nu = 25.0;
+    /// Bonus of the answer `none` [nats].
+    double none_bonus = 3.0;
+    /// Prior cost of every effect beyond the first [nats].
+    double further_effect = 3.0;
+    /// `unknown` is a cause that would leave the floor and this share of what is above it ...
+    double unknown_share = 0.1;
+    /// ... at this price [nats], about what the shape and size of a catalogue cause cost.
+    double unknown_price = 6.0;
+    /// Whitened cost per used number that remains on controls (1 if our error model were perfect).
+    double floor = 1.3;
+    /// White part of the model error that the discrepancy columns miss: an absolute part [m] and a share of the
+    /// marker's own displacement.
+    double white_floor_m = 1.5e-4;
+    double white_share = 0.02;
+    /// The overlap of whitened signatures from which two causes count as inseparable.
+    double confusable_overlap = 0.9;
+};
+
+}  // namespace teres

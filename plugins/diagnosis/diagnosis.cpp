@@ -1,0 +1,291 @@
+#include "plugins/diagnosis/diagnosis.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "plugins/diagnosis/gap_map.h"
+#include "plugins/diagnosis/shape_search.h"
+#include "plugins/diagnosis/white_noise.h"
+
+namespace teres {
+namespace {
+
+constexpr int kPolished = 2;
+constexpr double kLateRatio = 3.0;  // mean square of the unfitted end over that of the fitted part: something happens late
+
+Simulator::Progress stage(const DiagnosisOptions& options, const char* name) {
+    return [&options, name](double part) { return !options.progress || options.progress(name, part); };
+}
+
+Assumption prior_median(const TrajectoryModel& model) {
+    Assumption a;
+    for (std::size_t i = 0; i < model.num_parameters(); ++i)
+        a.theta.push_back(std::clamp(std::exp(model.parameter(i).prior_log_mean), model.parameter(i).lower,
+                                     model.parameter(i).upper));
+    return a;
+}
+
+// Stated noise and what the discrepancy columns leave: an absolute part, and a share of each marker's displacement.
+Whitener whitener_for(const Recording& recording, const Discrepancy& discrepancy, const Eigen::VectorXd& motion,
+                      const Calibration& calibration) {
+    const auto channels = static_cast<Eigen::Index>(3 * recording.num_markers);
+    Eigen::VectorXd sigma(static_cast<Eigen::Index>(recording.fit_rows.size()));
+    for (Eigen::Index k = 0; k < sigma.size(); ++k) {
+        const Eigen::Index row = recording.fit_rows[static_cast<std::size_t>(k)], first = row - row % 3;
+        const double displacement = (motion.segment<3>(first) - motion.segment<3>(first % channels)).norm();
+        sigma(k) = std::sqrt(std::pow(recording.noise_m, 2) + std::pow(calibration.white_floor_m, 2) +
+                             std::pow(discrepancy.remainder_m, 2) + std::pow(calibration.white_share * displacement, 2));
+    }
+    return Whitener(recording.fit_rows, sigma, discrepancy.columns);
+}
+
+// One problem: everything that the stages share.
+struct Problem {
+    Simulator& simulator;
+    Recording& recording;
+    const DiagnosisOptions& options;
+    Discrepancy discrepancy;
+    Whitener whitener;
+
+    Fit fit(const Assumption& start, int iterations, bool robust = false) {
+        return fit_jointly(simulator, whitener, recording.observed, start, {iterations, 0.01, robust});
+    }
+};
+
+double mean_square(const Recording& r, const Eigen::VectorXd& simulated, const std::vector<Eigen::Index>& rows) {
+    double sum = 0.0;
+    for (const Eigen::Index row : rows) sum += std::pow(r.observed(row) - simulated(row), 2);
+    return rows.empty() ? 0.0 : sum / static_cast<double>(rows.size());
+}
+
+// Nominal parameters alone; whether the last frames are held out or, if something happens in them, markers.
+Fit nominal_fit(Problem& problem) {
+    Simulator& simulator = problem.simulator;
+    Eigen::VectorXd motion;
+    simulator.simulate(prior_median(simulator.mechanics()), motion);
+    const auto reweigh = [&](const Eigen::VectorXd& about) {
+        problem.whitener =
+            whitener_for(problem.recording, problem.discrepancy, about, problem.options.calibration);
+    };
+    reweigh(motion);
+    Fit fit = problem.fit(prior_median(simulator.mechanics()), 6, true);
+    if (!fit.usable) return fit;
+    const double inside = mean_square(problem.recording, fit.trajectory, problem.recording.fit_rows);
+    const double outside = mean_square(problem.recording, fit.trajectory, problem.recording.held_rows);
+    if (outside > kLateRatio * std::max(inside, std::pow(problem.recording.noise_m, 2) +
+                                                    std::pow(problem.options.calibration.white_floor_m, 2)))
+        problem.recording.hold_out_markers();
+    reweigh(fit.trajectory);
+    return problem.fit(fit.at, 3, true);
+}
+
+// The effect `noise` moves nothing; it is worth the white part of what is left.
+void take_noise(Problem& problem, Cause& cause) {
+    for (ActiveEffect& effect : cause.fit.at.effects) {
+        const EffectEntry& entry = problem.simulator.effects()[effect.entry];
+        Assumption alone{cause.fit.at.theta, {problem.simulator.effects().candidate(effect.entry, 0)}};
+        if (!entry.sensor || problem.simulator.noise_factor(alone) == 1.0) continue;
+        const double factor = std::max(1.0, white_noise_factor(cause.fit.residual, problem.whitener.rows(),
+                                                               problem.recording.num_markers));
+        for (std::size_t p = 0; p < effect.values.size(); ++p)
+            effect.values[p] = std::clamp(factor, entry.parameters[p].lower, entry.parameters[p].upper);
+        cause.fit.cost /= factor * factor;
+        cause.fit.misfit /= factor * factor;
+    }
+}
+
+// One more effect on top of what is known, refitted with everything free.
+Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const EffectScreening& added, int iterations) {
+    Cause cause;
+    Assumption start = known != nullptr ? known->fit.at : nominal.at;
+    if (known != nullptr) {
+        cause.entries = known->entries;
+        cause.search_cost = known->search_cost;
+    }
+    cause.entries.push_back(added.entry);
+    cause.search_cost += added.search_cost;
+    start.effects.push_back(added.start);
+    cause.fit = problem.fit(start, iterations);
+    if (!cause.fit.usable) return cause;
+    improve_shapes(problem.simulator, problem.whitener, problem.recording.observed, cause.fit);
+    take_noise(problem, cause);
+    return cause;
+}
+
+void score(Problem& problem, const Fit& nominal, Cause& cause) {
+    if (!cause.fit.usable) {
+        cause.score = -1e9;
+        return;
+    }
+    cause.score = refit_score(nominal, cause, problem.simulator.effects(), problem.options.calibration);
+    cause.explained = explained_share(nominal.cost, cause.fit.cost, problem.whitener.size(), problem.options.calibration);
+}
+
+// Which screened effects deserve a refit: the best scores, and besides them those that explain most, because a local cause
+// between the points of the search grid looks worse than it is.
+std::vector<std::size_t> worth_refitting(const Screening& screening, std::size_t by_score, std::size_t by_share) {
+    std::vector<std::size_t> order(screening.effects.size()), chosen;
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    const auto take = [&](std::size_t count) {
+        for (const std::size_t k : order)
+            if (count > 0 && std::find(chosen.begin(), chosen.end(), k) == chosen.end()) {
+                chosen.push_back(k);
+                --count;
+            }
+    };
+    take(by_score);
+    std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
+        return screening.effects[a].explained > screening.effects[b].explained;
+    });
+    take(by_share);
+    return chosen;
+}
+
+// Screens all effects on top of `known` (null: nothing) and refits the best.
+std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* known, Screening& screening) {
+    const DiagnosisOptions& options = problem.options;
+    const Fit& base = known != nullptr ? known->fit : nominal;
+    Eigen::VectorXd trajectory;
+    problem.simulator.simulate(base.at, trajectory);
+    screening = screen(problem.simulator, problem.whitener, base, options.calibration,
+                       known != nullptr ? known->entries : std::vector<std::size_t>{},
+                       stage(options, known == nullptr ? "screening effects" : "screening further effects"));
+    std::vector<Cause> causes;
+    const auto chosen = known == nullptr
+                            ? worth_refitting(screening, static_cast<std::size_t>(options.num_refits) - 2, 2)
+                            : worth_refitting(screening, 2, 2);
+    for (std::size_t k = 0; k < chosen.size(); ++k) {
+        causes.push_back(refit(problem, nominal, known, screening.effects[chosen[k]], 4));
+        score(problem, nominal, causes.back());
+        stage(options, known == nullptr ? "fitting the best effects" : "fitting further effects")(
+            static_cast<double>(k + 1) / static_cast<double>(chosen.size()));
+    }
+    for (std::size_t k = 0; known == nullptr && k < screening.effects.size(); ++k)
+        if (std::find(chosen.begin(), chosen.end(), k) == chosen.end()) {  // screened only: its linear score stands
+            Cause cause;
+            cause.entries = {screening.effects[k].entry};
+            cause.score = screening.effects[k].score;
+            cause.explained = screening.effects[k].explained;
+            causes.push_back(std::move(cause));
+        }
+    std::stable_sort(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) { return a.score > b.score; });
+    for (std::size_t k = 0; k < causes.size() && k < kPolished; ++k) {
+        if (!causes[k].fit.usable) continue;
+        Fit better = problem.fit(causes[k].fit.at, 6);
+        if (better.usable && better.misfit < causes[k].fit.residual.squaredNorm()) {
+            causes[k].fit = std::move(better);
+            take_noise(problem, causes[k]);
+        }
+        score(problem, nominal, causes[k]);
+    }
+    std::stable_sort(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) { return a.score > b.score; });
+    return causes;
+}
+
+std::vector<std::string> ids(const EffectTable& effects, const std::vector<std::size_t>& entries) {
+    std::vector<std::string> list;
+    for (const std::size_t e : entries) list.emplace_back(effects[e].info.id);
+    return list;
+}
+
+}  // namespace
+
+const Cause* Diagnosis::named() const {
+    if (verdict.causes.empty()) return nullptr;
+    const Cause& top = verdict.causes.front();
+    return top.fit.usable && top.probability >= std::max(verdict.none_probability, verdict.unknown_probability) ? &top
+                                                                                                                : nullptr;
+}
+
+Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const EffectTable& effects,
+                           const DiagnosisOptions& options) {
+    Diagnosis out;
+    out.name = recordings[0].name;
+    TERES_TRY_ASSIGN(out.recording, make_recording(recordings[0]));
+    Simulator simulator(*recordings[0].mechanics, recordings[0].sensors, effects);
+    TERES_TRY_ASSIGN(Discrepancy discrepancy, discrepancy_of(simulator, options.cache, recordings[0].body_hash,
+                                                             stage(options, "model error")));
+    Problem problem{simulator, out.recording, options, std::move(discrepancy), {}};
+
+    // What the nominal model can explain, and whether anything is left.
+    stage(options, "nominal fit")(0.0);
+    out.nominal = nominal_fit(problem);
+    if (!out.nominal.usable) return not_usable(out.name + ": the nominal model does not converge");
+    stage(options, "nominal fit")(1.0);
+
+    // One effect; then, as long as it pays, one more on top of the best.
+    std::vector<Cause> causes = search(problem, out.nominal, nullptr, out.screening);
+    out.confusability = confusability(out.screening, out.nominal.J);
+    for (int count = 2; count <= options.max_effects && !causes.empty() && causes.front().fit.usable; ++count) {
+        const Cause best = causes.front();
+        if (best.score < options.calibration.none_bonus) break;
+        if (best.fit.cost < options.calibration.floor * static_cast<double>(problem.whitener.size())) break;
+        Screening further;
+        const std::vector<Cause> larger = search(problem, out.nominal, &best, further);
+        causes.insert(causes.end(), larger.begin(), larger.end());
+        if (larger.empty() || larger.front().score <= best.score) break;
+        std::stable_sort(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) { return a.score > b.score; });
+    }
+    out.verdict = judge(std::move(causes), out.nominal.cost, problem.whitener.size(), options.calibration);
+    out.significant = out.verdict.none_probability < 0.5;
+
+    // Where it lies and how far it closes on what was held out.
+    const Cause* named = out.named();
+    const auto seen = out.recording.seen_rows();
+    simulator.simulate(out.nominal.at, out.nominal.trajectory, nullptr, &out.nodes_before_m);
+    out.gap_m = gap_rms_m(out.recording.observed, out.nominal.trajectory, seen, 0.0);
+    out.floor_m = model_floor_m(out.recording, problem.discrepancy, options.calibration);
+    out.where = locate(simulator, problem.whitener, out.recording, out.nominal, out.significant ? named : nullptr,
+                       out.significant);
+    const auto ladder_step = [&](const std::vector<std::size_t>& entries, const Eigen::VectorXd& trajectory) {
+        out.ladder.push_back(
+            {ids(effects, entries),
+             gap_rms_m(out.recording.observed, trajectory, out.recording.fit_rows, out.recording.noise_m),
+             gap_rms_m(out.recording.observed, trajectory, out.recording.held_rows, out.recording.noise_m)});
+    };
+    ladder_step({}, out.nominal.trajectory);
+    if (named != nullptr)
+        for (std::size_t k = 1; k <= named->entries.size(); ++k)
+            for (const Cause& cause : out.verdict.causes)
+                if (cause.fit.usable && cause.entries == std::vector<std::size_t>(named->entries.begin(),
+                                                                                  named->entries.begin() + static_cast<std::ptrdiff_t>(k)))
+                    ladder_step(cause.entries, cause.fit.trajectory);
+    const Fit& best = named != nullptr ? named->fit : out.nominal;
+    simulator.simulate(best.at, out.after, &out.points_m, &out.nodes_after_m);
+    out.shrinkage = shrinkage(out.recording, out.recording.held_rows, out.nominal.trajectory, out.after);
+    for (const Cause& cause : out.verdict.causes) {
+        if (named == nullptr || !cause.fit.usable || cause.entries.size() != 1) continue;
+        const auto family = [&](std::size_t e) { return std::string_view(effects[e].info.family); };
+        if (std::any_of(named->entries.begin(), named->entries.end(),
+                        [&](std::size_t e) { return family(e) == family(cause.entries[0]); }))
+            continue;
+        out.best_wrong = shrinkage(out.recording, out.recording.held_rows, out.nominal.trajectory, cause.fit.trajectory);
+        out.best_wrong_effects = ids(effects, cause.entries);
+        break;
+    }
+    out.next_experiment = next_experiment(effects, out.verdict, out.confusability, options.calibration, out.significant);
+    out.discrepancy = std::move(problem.discrepancy);
+    return out;
+}
+
+Result<Plan> plan(const GapRecording& from, const EffectTable& effects, const DiagnosisOptions& options) {
+    TERES_TRY_ASSIGN(Recording recording, make_recording(from));
+    Simulator simulator(*from.mechanics, from.sensors, effects);
+    TERES_TRY_ASSIGN(Discrepancy discrepancy,
+                     discrepancy_of(simulator, options.cache, from.body_hash, stage(options, "model error")));
+    Problem problem{simulator, recording, options, std::move(discrepancy), {}};
+    const Assumption median = prior_median(*from.mechanics);
+    Eigen::VectorXd motion;
+    if (!simulator.simulate(median, motion))
+        return not_usable(recording.name + ": the nominal model does not converge at its prior median");
+    recording.observed = recording.observed.array().isFinite().select(motion, recording.observed);
+    problem.whitener = whitener_for(recording, problem.discrepancy, motion, options.calibration);
+    const Fit nominal = problem.fit(median, 0);
+    Plan out{recording.name, screen(simulator, problem.whitener, nominal, options.calibration, {}, stage(options, "signatures")),
+             {}, problem.whitener.size()};
+    out.confusability = confusability(out.screening, nominal.J);
+    return out;
+}
+
+}  // namespace teres

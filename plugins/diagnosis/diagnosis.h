@@ -1,0 +1,92 @@
+// The gap between a recording and its simulation: where it lies, which unmodelled effect causes it, how far it shrinks.
+#pragma once
+
+#include <Eigen/Dense>
+#include <array>
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/extensions/gap_diagnosis.h"
+#include "core/result.h"
+#include "plugins/diagnosis/calibration.h"
+#include "plugins/diagnosis/confusability.h"
+#include "plugins/diagnosis/discrepancy.h"
+#include "plugins/diagnosis/held_out.h"
+#include "plugins/diagnosis/recording.h"
+#include "plugins/diagnosis/verdict.h"
+
+namespace teres {
+
+struct DiagnosisOptions {
+    std::vector<const char*> excluded;
+    std::filesystem::path cache;
+    int max_effects = 3;
+    int num_refits = 5;
+    Calibration calibration{};
+    /// False cancels.
+    std::function<bool(const char* stage, double part)> progress{};
+};
+
+/// Where the gap lies.
+struct Where {
+    std::string kind = "none";  ///< mechanics, boundary, load, sensor, none
+    std::optional<std::array<double, 3>> center_m;
+    double radius_m = 0.0;
+    std::optional<double> onset_s;
+    std::vector<double> marker_share;  ///< of the nominal gap's square, per marker
+};
+
+/// The gap after each effect was added, on fitted and on held-out data.
+struct LadderStep {
+    std::vector<std::string> effects;
+    double fit_rms_m = 0.0, heldout_rms_m = 0.0;
+};
+
+/// Another recording of the same body under what this one taught.
+struct Transfer {
+    std::string fitted, predicted;
+    double before_m = 0.0, after_m = 0.0;
+};
+
+struct Diagnosis {
+    std::string name;
+    double gap_m = 0.0, floor_m = 0.0;   ///< rms 3-D distance of the nominal fit; what noise and model error explain
+    bool significant = false;
+    Verdict verdict;
+    Fit nominal;
+    Recording recording;
+    Screening screening;
+    Confusability confusability;
+    Discrepancy discrepancy;
+    Shrinkage shrinkage;
+    std::optional<Shrinkage> best_wrong;       ///< of the best cause of another family
+    std::vector<std::string> best_wrong_effects;
+    std::vector<LadderStep> ladder;
+    std::vector<Transfer> transfers;
+    Where where;
+    std::string next_experiment;
+    std::vector<double> points_m;              ///< validation points with the named effects
+    std::vector<double> nodes_before_m, nodes_after_m;  ///< all nodes per frame
+    Eigen::VectorXd after;                     ///< markers with the named effects
+
+    /// The named answer: the most probable cause, or null if `none` or `unknown` is more probable.
+    const Cause* named() const;
+};
+
+/// Errors: recording.h; kNotUsable if the nominal model does not converge.
+Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const EffectTable& effects,
+                           const DiagnosisOptions& options);
+
+/// Identifiability alone: signatures about the prior median; the observations are not looked at.
+struct Plan {
+    std::string name;
+    Screening screening;
+    Confusability confusability;
+    Eigen::Index num_used = 0;   ///< numbers that would be fitted
+};
+Result<Plan> plan(const GapRecording& recording, const EffectTable& effects, const DiagnosisOptions& options);
+
+}  // namespace teres

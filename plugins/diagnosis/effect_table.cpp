@@ -1,0 +1,57 @@
+#include "plugins/diagnosis/effect_table.h"
+
+#include <algorithm>
+
+namespace teres {
+
+EffectTable::EffectTable(const TrajectoryModel& mechanics, const ObservationModel* sensors,
+                         std::span<const char* const> excluded)
+    : mechanics_(mechanics), sensors_(sensors) {
+    const auto add = [&](const EffectCatalogue& from, bool sensor) {
+        for (std::size_t e = 0; e < from.num_effects(); ++e) {
+            EffectEntry entry{sensor, e, from.effect(e), {}, false};
+            for (std::int32_t p = 0; p < entry.info.num_parameters; ++p)
+                entry.parameters.push_back(from.effect_parameter(e, static_cast<std::size_t>(p)));
+            for (const char* id : excluded) entry.excluded = entry.excluded || std::string_view(id) == entry.info.id;
+            entries_.push_back(std::move(entry));
+        }
+    };
+    add(mechanics, false);
+    if (sensors != nullptr) add(*sensors, true);
+}
+
+std::size_t EffectTable::find(std::string_view id) const {
+    for (std::size_t e = 0; e < entries_.size(); ++e)
+        if (id == entries_[e].info.id) return e;
+    return size();
+}
+
+const EffectCatalogue& EffectTable::catalogue(const EffectEntry& entry) const {
+    if (entry.sensor) return *sensors_;
+    return mechanics_;
+}
+
+ActiveEffect EffectTable::candidate(std::size_t entry, std::size_t index) const {
+    ActiveEffect effect{entry, std::vector<double>(entries_[entry].parameters.size())};
+    catalogue(entries_[entry]).effect_candidate(entries_[entry].index, index, effect.values);
+    return effect;
+}
+
+ActiveEffect EffectTable::single(const ActiveEffect& from, std::size_t amplitude) const {
+    ActiveEffect effect = from;
+    std::size_t count = 0;
+    const auto& parameters = entries_[from.entry].parameters;
+    for (std::size_t p = 0; p < parameters.size(); ++p)
+        if (parameters[p].role == EffectRole::kAmplitude && count++ != amplitude)
+            effect.values[p] = parameters[p].null_value;
+    return effect;
+}
+
+std::size_t EffectTable::num_amplitudes(std::size_t entry) const {
+    const auto& parameters = entries_[entry].parameters;
+    return static_cast<std::size_t>(std::count_if(parameters.begin(), parameters.end(), [](const auto& p) {
+        return p.role == EffectRole::kAmplitude;
+    }));
+}
+
+}  // namespace teres

@@ -1,0 +1,57 @@
+// The effects of the mechanical and the sensor catalogue in one numbered list, and what a hypothesis is made of.
+#pragma once
+
+#include <Eigen/Dense>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/extensions/trajectory_model.h"
+
+namespace teres {
+
+struct EffectEntry {
+    bool sensor = false;
+    std::size_t index = 0;  ///< in its own catalogue
+    EffectInfo info{};
+    std::vector<EffectParameter> parameters;
+
+    bool applicable() const { return info.not_applicable == nullptr && !excluded; }
+    bool excluded = false;
+};
+
+/// An effect switched on. `values`: physical, one per parameter.
+struct ActiveEffect {
+    std::size_t entry = 0;  ///< in the EffectTable
+    std::vector<double> values;
+};
+
+/// What is held to be true of the body and the sensors.
+struct Assumption {
+    std::vector<double> theta;  ///< physical parameters of the nominal model
+    std::vector<ActiveEffect> effects;
+};
+
+class EffectTable {
+  public:
+    EffectTable(const TrajectoryModel& mechanics, const ObservationModel* sensors,
+                std::span<const char* const> excluded);
+
+    std::size_t size() const { return entries_.size(); }
+    const EffectEntry& operator[](std::size_t entry) const { return entries_[entry]; }
+    /// Index of an id, or size().
+    std::size_t find(std::string_view id) const;
+    /// Candidate of the effect's search grid.
+    ActiveEffect candidate(std::size_t entry, std::size_t index) const;
+    /// The same with every amplitude but `amplitude` (counted among amplitudes) at null; npos: all at null.
+    ActiveEffect single(const ActiveEffect& from, std::size_t amplitude) const;
+    std::size_t num_amplitudes(std::size_t entry) const;
+
+  private:
+    const EffectCatalogue& catalogue(const EffectEntry& entry) const;
+    const TrajectoryModel& mechanics_;
+    const ObservationModel* sensors_;
+    std::vector<EffectEntry> entries_;
+};
+
+}  // namespace teres

@@ -1,0 +1,140 @@
+#include "plugins/diagnosis/gap_map.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace teres {
+namespace {
+
+constexpr std::size_t kPatches = 40;
+constexpr double kForceScale = 0.3;  // N, prior standard deviation of a fictitious force per axis and frame
+
+// Surface nodes far from each other: each next one is the farthest from those chosen.
+std::vector<std::int32_t> patch_nodes(const TrajectoryModel& model, std::vector<double>& positions) {
+    positions.resize(3 * model.num_nodes());
+    model.rest_positions(positions);
+    std::vector<std::int32_t> triangles(3 * model.num_surface_triangles());
+    model.surface_triangles(triangles);
+    std::sort(triangles.begin(), triangles.end());
+    triangles.erase(std::unique(triangles.begin(), triangles.end()), triangles.end());
+    std::vector<std::int32_t> chosen;
+    if (triangles.empty()) return chosen;
+    const auto at = [&](std::int32_t node) { return Eigen::Map<const Eigen::Vector3d>(&positions[3 * static_cast<std::size_t>(node)]); };
+    std::vector<double> distance(triangles.size(), std::numeric_limits<double>::infinity());
+    std::size_t next = 0;
+    while (chosen.size() < std::min(kPatches, triangles.size())) {
+        chosen.push_back(triangles[next]);
+        for (std::size_t k = 0; k < triangles.size(); ++k)
+            distance[k] = std::min(distance[k], (at(triangles[k]) - at(chosen.back())).norm());
+        next = static_cast<std::size_t>(std::max_element(distance.begin(), distance.end()) - distance.begin());
+    }
+    return chosen;
+}
+
+// Patch whose forces take away most of the residual. The simulator's base must be the nominal fit.
+std::optional<std::array<double, 3>> force_map(Simulator& simulator, const Whitener& whitener, const Fit& nominal) {
+    const TrajectoryModel& model = simulator.mechanics();
+    std::vector<double> positions;
+    const auto channels = static_cast<Eigen::Index>(3 * simulator.num_markers());
+    const auto rows = static_cast<Eigen::Index>(simulator.num_rows());
+    const Eigen::MatrixXd H =
+        Eigen::MatrixXd::Identity(nominal.J.cols(), nominal.J.cols()) + nominal.J.transpose() * nominal.J;
+    const Eigen::LLT<Eigen::MatrixXd> nuisance(H);
+    const auto project = [&](const Eigen::MatrixXd& X) -> Eigen::MatrixXd {
+        return X - nominal.J * nuisance.solve(nominal.J.transpose() * X);
+    };
+    const Eigen::VectorXd r = nominal.residual;
+    double best = 0.0;
+    std::optional<std::array<double, 3>> place;
+    std::vector<double> out(3 * simulator.num_rows());
+    for (const std::int32_t node : patch_nodes(model, positions)) {
+        if (!model.marker_compliance(node, out)) return std::nullopt;
+        // columns: frame and axis
+        Eigen::MatrixXd C = Eigen::MatrixXd::Zero(rows, static_cast<Eigen::Index>(3 * simulator.num_frames()));
+        for (Eigen::Index row = 0; row < rows; ++row)
+            for (Eigen::Index b = 0; b < 3; ++b)
+                C(row, 3 * (row / channels) + b) = kForceScale * out[static_cast<std::size_t>(3 * row + b)];
+        const Eigen::MatrixXd G = whitener(C);
+        const Eigen::MatrixXd S = G.transpose() * project(G);
+        const Eigen::VectorXd b = G.transpose() * project(r);
+        const Eigen::MatrixXd A = S + Eigen::MatrixXd::Identity(S.rows(), S.cols());
+        const double gain = b.dot(A.ldlt().solve(b));
+        if (gain > best) {
+            best = gain;
+            const std::size_t n = 3 * static_cast<std::size_t>(node);
+            place = {positions[n], positions[n + 1], positions[n + 2]};
+        }
+    }
+    return place;
+}
+
+const double* value_of(const EffectEntry& entry, const ActiveEffect& effect, std::string_view name) {
+    for (std::size_t p = 0; p < entry.parameters.size(); ++p)
+        if (name == entry.parameters[p].name) return &effect.values[p];
+    return nullptr;
+}
+
+}  // namespace
+
+Where locate(Simulator& simulator, const Whitener& whitener, const Recording& recording, const Fit& nominal,
+             const Cause* named, bool significant) {
+    Where where;
+    where.marker_share.assign(recording.num_markers, 0.0);
+    double total = 0.0;
+    for (const Eigen::Index row : recording.seen_rows()) {
+        const double d = std::pow(recording.observed(row) - nominal.trajectory(row), 2);
+        where.marker_share[recording.marker_of(row)] += d;
+        total += d;
+    }
+    if (total > 0.0)
+        for (double& share : where.marker_share) share /= total;
+    if (!significant) return where;
+    const EffectTable& table = simulator.effects();
+    if (named != nullptr) {
+        where.kind = table[named->entries[0]].info.kind;
+        for (std::size_t k = 0; k < named->entries.size(); ++k) {
+            const EffectEntry& entry = table[named->entries[k]];
+            const ActiveEffect& effect = named->fit.at.effects[k];
+            const double *x = value_of(entry, effect, "center_x"), *y = value_of(entry, effect, "center_y"),
+                         *z = value_of(entry, effect, "center_z"), *radius = value_of(entry, effect, "radius"),
+                         *onset = value_of(entry, effect, "onset");
+            if (!where.center_m && x != nullptr && y != nullptr && z != nullptr) where.center_m = {*x, *y, *z};
+            if (where.radius_m == 0.0 && radius != nullptr) where.radius_m = *radius;
+            if (!where.onset_s && onset != nullptr) where.onset_s = *onset;
+        }
+        return where;
+    }
+    where.kind = "mechanics";
+    where.center_m = force_map(simulator, whitener, nominal);
+    return where;
+}
+
+double model_floor_m(const Recording& recording, const Discrepancy& discrepancy, const Calibration& calibration) {
+    const double columns = discrepancy.columns.size() == 0
+                               ? 0.0
+                               : discrepancy.columns.squaredNorm() / static_cast<double>(discrepancy.columns.rows());
+    return std::sqrt(3.0 * (std::pow(recording.noise_m, 2) + std::pow(calibration.white_floor_m, 2) +
+                            std::pow(discrepancy.remainder_m, 2) + columns));
+}
+
+std::string next_experiment(const EffectTable& effects, const Verdict& verdict, const Confusability& confusability,
+                            const Calibration& calibration, bool significant) {
+    if (verdict.causes.empty()) return "";
+    const Cause& top = verdict.causes.front();
+    const std::string first = effects[top.entries.back()].info.id;
+    if (!significant) return "nothing beyond the floor; to look further: " + separating_experiment(first, "");
+    std::string second;
+    const auto rivals = confusability.rivals(top.entries.back(), calibration.confusable_overlap);
+    if (!rivals.empty()) second = effects[rivals.front()].info.id;
+    for (const Cause& cause : verdict.causes)
+        if (&cause != &top && cause.entries.size() == 1 && cause.entries[0] != top.entries.back() &&
+            cause.probability > 0.05) {
+            second = effects[cause.entries[0]].info.id;
+            break;
+        }
+    const std::string text = separating_experiment(first, second);
+    return second.empty() ? text + ": confirms " + first : text + " (separates " + first + " from " + second + ")";
+}
+
+}  // namespace teres

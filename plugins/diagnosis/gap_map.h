@@ -1,0 +1,23 @@
+// Where the gap lies: from the parameters of the named cause, or from maps when nothing is named.
+//
+// Force map: per surface patch and frame, the fictitious force that explains the residual best; frames independent,
+// nominal parameters projected out. Right for force-like causes only (a missing stiffness is not a force).
+#pragma once
+
+#include <string>
+
+#include "plugins/diagnosis/diagnosis.h"
+
+namespace teres {
+
+Where locate(Simulator& simulator, const Whitener& whitener, const Recording& recording, const Fit& nominal,
+             const Cause* named, bool significant);
+
+/// rms 3-D distance that stated noise and model error explain together.
+double model_floor_m(const Recording& recording, const Discrepancy& discrepancy, const Calibration& calibration);
+
+/// What to measure next: separates the first two answers, or makes the suspected one visible.
+std::string next_experiment(const EffectTable& effects, const Verdict& verdict, const Confusability& confusability,
+                            const Calibration& calibration, bool significant);
+
+}  // namespace teres

@@ -1,0 +1,40 @@
+// Nominal parameters and the parameters of switched-on effects fitted together to the used part of a recording:
+//
+//     minimise  |W (y - h(u))|^2 + |u|^2,     u = (coordinates - prior mean) / prior standard deviation
+//
+// by Levenberg-Marquardt with the first-order responses of the simulator as Jacobian. W: Whitener.
+#pragma once
+
+#include <Eigen/Dense>
+
+#include "plugins/diagnosis/fit_space.h"
+#include "plugins/diagnosis/simulator.h"
+#include "plugins/diagnosis/whitener.h"
+
+namespace teres {
+
+struct FitOptions {
+    int max_iterations = 8;
+    double tolerance = 0.01;  ///< of the relative decrease of the cost
+    bool robust = false;      ///< markers far off the rest lose weight (Huber), so that a slipped one does not bend the fit
+};
+
+struct Fit {
+    Assumption at;
+    Eigen::VectorXd u;            ///< scaled coordinates
+    Eigen::VectorXd trajectory;   ///< h(u), full
+    Eigen::VectorXd residual;     ///< W (y - h)
+    Eigen::MatrixXd J;            ///< W dh/du
+    double cost = 0.0;            ///< |residual|^2 + |u|^2 over nominal parameters + |u|^2 over effect parameters
+    double misfit = 0.0;          ///< |residual|^2
+    bool usable = false;          ///< the simulation converged
+
+    /// Standard deviations of the scaled coordinates when the data count `tempering` times.
+    Eigen::VectorXd stdev(double tempering) const;
+};
+
+/// `start`: effects and their values; nominal parameters too. `observed`: full trajectory, NaN where lost.
+Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::VectorXd& observed, const Assumption& start,
+                const FitOptions& options);
+
+}  // namespace teres

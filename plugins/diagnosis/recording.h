@@ -1,0 +1,36 @@
+// The observations of one recording in blocks: what is fitted and chosen with, and what is only ever reported on.
+#pragma once
+
+#include <Eigen/Dense>
+#include <string>
+#include <vector>
+
+#include "core/extensions/gap_diagnosis.h"
+#include "core/result.h"
+
+namespace teres {
+
+struct Recording {
+    std::string name;
+    Eigen::VectorXd observed;             ///< full trajectory [m], NaN where lost
+    double noise_m = 0.0;                 ///< stated, per axis
+    std::vector<Eigen::Index> fit_rows;   ///< seen entries that may be fitted
+    std::vector<Eigen::Index> held_rows;  ///< seen entries that never are
+    std::size_t num_markers = 0, num_frames = 0;
+    std::size_t first_held_frame = 0;        ///< num_frames if markers are held out instead
+    std::vector<std::int32_t> held_markers;  ///< indices; empty if frames are held out
+
+    std::size_t marker_of(Eigen::Index row) const { return static_cast<std::size_t>(row) % (3 * num_markers) / 3; }
+    std::size_t frame_of(Eigen::Index row) const { return static_cast<std::size_t>(row) / (3 * num_markers); }
+    /// Holds out the last sixth of the frames.
+    void hold_out_frames();
+    /// Holds out every fifth marker in all frames: for recordings in which something happens late.
+    void hold_out_markers();
+    std::vector<Eigen::Index> seen_rows() const;
+};
+
+/// Errors (kInvalidInput): fewer than 3 markers or 8 frames, a marker that is never seen, stated noise not positive,
+/// observations kilometres away from the model (wrong units).
+Result<Recording> make_recording(const GapRecording& from);
+
+}  // namespace teres

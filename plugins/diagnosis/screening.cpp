@@ -1,0 +1,159 @@
+#include "plugins/diagnosis/screening.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "plugins/diagnosis/white_noise.h"
+
+namespace teres {
+namespace {
+
+constexpr double kTailDegrees = 4.0;
+constexpr double kLeastShare = 0.05;  // of a candidate's amplitude: start of parameters that cannot be zero
+
+// One candidate: its place in the list of columns, one column per amplitude.
+struct Candidate {
+    std::size_t entry, index;
+    Eigen::Index first, count;
+};
+
+// A (I + J J^T)-weighted inner product without forming the matrix: <a, b> = a.b - (J'a)'(I + J'J)^-1 (J'b).
+class NuisanceMetric {
+  public:
+    explicit NuisanceMetric(const Eigen::MatrixXd& J)
+        : L_(Eigen::MatrixXd(Eigen::MatrixXd::Identity(J.cols(), J.cols()) + J.transpose() * J).llt()), J_(J) {}
+    /// (I + J J^T)^-1 X
+    Eigen::MatrixXd weigh(const Eigen::MatrixXd& X) const { return X - J_ * L_.solve(J_.transpose() * X); }
+
+  private:
+    Eigen::LLT<Eigen::MatrixXd> L_;
+    const Eigen::MatrixXd& J_;
+};
+
+double log_mean_exp(const std::vector<double>& values) {
+    const double top = *std::max_element(values.begin(), values.end());
+    double sum = 0.0;
+    for (const double v : values) sum += std::exp(v - top);
+    return top + std::log(sum / static_cast<double>(values.size()));
+}
+
+// Amplitude shares a (1: the candidate's value) that a physical parameter can take.
+struct ShareBounds {
+    double lower, upper;
+};
+ShareBounds share_bounds(const EffectParameter& p, double candidate) {
+    const double span = candidate - p.null_value;
+    if (span == 0.0) return {0.0, 0.0};
+    const bool log = p.transform == EffectTransform::kLog && p.null_value > 0.0;
+    const auto share = [&](double physical) {
+        if (!log) return (physical - p.null_value) / span;
+        return std::log(std::max(physical, 1e-300) / p.null_value) / std::log(candidate / p.null_value);
+    };
+    const double a = share(p.lower), b = share(p.upper);
+    return {std::min(a, b), std::max(a, b)};
+}
+double share_value(const EffectParameter& p, double candidate, double share) {
+    if (p.transform != EffectTransform::kLog) return p.null_value + share * (candidate - p.null_value);
+    if (p.null_value > 0.0) return p.null_value * std::pow(candidate / p.null_value, share);
+    return std::max(share, kLeastShare) * candidate;
+}
+
+}  // namespace
+
+double tail_price(const Eigen::VectorXd& a) {
+    return 0.5 * (kTailDegrees + static_cast<double>(a.size())) * std::log1p(a.squaredNorm() / kTailDegrees);
+}
+
+Screening screen(Simulator& simulator, const Whitener& whitener, const Fit& base, const Calibration& calibration,
+                 const std::vector<std::size_t>& skip, const Simulator::Progress& progress) {
+    const EffectTable& table = simulator.effects();
+    std::vector<Candidate> candidates;
+    std::vector<Assumption> others;
+    for (std::size_t e = 0; e < table.size(); ++e) {
+        if (!table[e].applicable() || std::find(skip.begin(), skip.end(), e) != skip.end()) continue;
+        for (std::int32_t c = 0; c < table[e].info.num_candidates; ++c) {
+            const ActiveEffect full = table.candidate(e, static_cast<std::size_t>(c));
+            const std::size_t amplitudes = table.num_amplitudes(e);
+            candidates.push_back({e, static_cast<std::size_t>(c), static_cast<Eigen::Index>(others.size()),
+                                  static_cast<Eigen::Index>(amplitudes)});
+            for (std::size_t a = 0; a < amplitudes; ++a) {
+                Assumption other = base.at;
+                other.effects.push_back(table.single(full, a));
+                others.push_back(std::move(other));
+            }
+        }
+    }
+    const Eigen::MatrixXd G = whitener(simulator.responses(others, progress));
+    const NuisanceMetric metric(base.J);
+    const Eigen::VectorXd r = base.residual + base.J * base.u;  // at the prior mean of the nuisance
+    const Eigen::MatrixXd weighted_G = metric.weigh(G);
+    const Eigen::VectorXd weighted_r = metric.weigh(r);
+
+    Screening out;
+    out.cost_null = r.dot(weighted_r);
+    const double white_factor = white_noise_factor(base.residual, whitener.rows(), simulator.num_markers());
+    for (std::size_t e = 0; e < table.size(); ++e) {
+        EffectScreening effect;
+        effect.entry = e;
+        std::vector<double> scores;
+        double best = -std::numeric_limits<double>::infinity();
+        for (const Candidate& c : candidates) {
+            if (c.entry != e) continue;
+            const ActiveEffect full = table.candidate(e, c.index);
+            std::vector<std::size_t> amplitude;  // parameter of each column
+            for (std::size_t p = 0; p < full.values.size(); ++p)
+                if (table[e].parameters[p].role == EffectRole::kAmplitude) amplitude.push_back(p);
+
+            Assumption other = base.at;
+            other.effects.push_back(full);
+            double cost = out.cost_null, occam = 0.0;
+            Eigen::VectorXd a = Eigen::VectorXd::Zero(c.count);
+            Eigen::MatrixXd S;
+            if (simulator.noise_factor(other) != simulator.noise_factor(base.at)) {
+                cost = out.cost_null / std::max(1.0, white_factor * white_factor);
+                a.setConstant(std::sqrt(std::max(1.0, white_factor * white_factor)) - 1.0);
+            } else {
+                const auto columns = G.middleCols(c.first, c.count);
+                S = columns.transpose() * weighted_G.middleCols(c.first, c.count);
+                const Eigen::VectorXd b = columns.transpose() * weighted_r;
+                a = (S + Eigen::MatrixXd::Identity(c.count, c.count)).ldlt().solve(b);
+                for (Eigen::Index i = 0; i < c.count; ++i) {
+                    const std::size_t p = amplitude[static_cast<std::size_t>(i)];
+                    const ShareBounds bounds = share_bounds(table[e].parameters[p], full.values[p]);
+                    a(i) = std::clamp(a(i), bounds.lower, bounds.upper);
+                }
+                cost = std::max(out.cost_null - 2.0 * b.dot(a) + a.dot(S * a), 1e-3 * out.cost_null);
+                const double tempering = calibration.nu / cost;
+                occam = 0.5 * std::log((Eigen::MatrixXd::Identity(c.count, c.count) + tempering * S).determinant());
+                if (S.trace() > effect.visibility) {
+                    effect.visibility = S.trace();
+                    effect.signature = columns;
+                }
+            }
+            const double score = -0.5 * calibration.nu * std::log(cost / out.cost_null) - tail_price(a) - occam;
+            scores.push_back(score);
+            if (score > best) {
+                best = score;
+                effect.explained = 1.0 - cost / out.cost_null;
+                effect.start = full;
+                for (std::size_t i = 0; i < amplitude.size(); ++i) {
+                    const std::size_t p = amplitude[i];
+                    const double share = std::clamp(a(static_cast<Eigen::Index>(i)), -4.0, 4.0);
+                    effect.start.values[p] =
+                        std::clamp(share_value(table[e].parameters[p], full.values[p], share),
+                                   table[e].parameters[p].lower, table[e].parameters[p].upper);
+                }
+            }
+        }
+        if (scores.empty()) continue;
+        effect.num_candidates = scores.size();
+        effect.score = log_mean_exp(scores);
+        effect.search_cost = best - effect.score;
+        out.effects.push_back(std::move(effect));
+    }
+    std::sort(out.effects.begin(), out.effects.end(), [](const auto& a, const auto& b) { return a.score > b.score; });
+    return out;
+}
+
+}  // namespace teres

@@ -1,0 +1,42 @@
+// Every candidate of every effect by its first-order signature: closed-form linear-Gaussian evidence in which nominal
+// parameters and what is already named are marginalised,
+//
+//     r ~ N(0, I + J J^T + G G^T)     r: residual at the prior mean, J: nuisance, G: signature of the candidate
+//     cost_c = min over a of  (r - G a)^T (I + J J^T)^-1 (r - G a),   a within the physical bounds
+//     score  = -(nu/2) ln(cost_c / cost_0) - tail(a) - 1/2 ln|I + (nu/cost_c) S|,   S = G^T (I + J J^T)^-1 G
+//
+// scale-free and counting nu samples (calibration.h), averaged over the candidates of an effect.
+#pragma once
+
+#include <Eigen/Dense>
+#include <vector>
+
+#include "plugins/diagnosis/calibration.h"
+#include "plugins/diagnosis/joint_fit.h"
+
+namespace teres {
+
+struct EffectScreening {
+    std::size_t entry = 0;
+    double score = 0.0;            ///< ln of the mean over candidates of exp(score) [nats]
+    double search_cost = 0.0;      ///< best candidate's score minus `score`
+    double explained = 0.0;        ///< share of cost_0 that the best candidate takes away
+    ActiveEffect start;            ///< best candidate with fitted amplitudes
+    std::size_t num_candidates = 0;
+    double visibility = 0.0;       ///< S of the best-visible candidate: chi^2 at one prior standard deviation
+    Eigen::MatrixXd signature;     ///< (I + J J^T)^-1/2-weighted columns of the best-visible candidate, for overlaps
+};
+
+struct Screening {
+    double cost_null = 0.0;
+    std::vector<EffectScreening> effects;  ///< best first; applicable effects only
+};
+
+/// Student-t price of amplitudes `a` in prior standard deviations [nats]: far amplitudes are unlikely, not impossible.
+double tail_price(const Eigen::VectorXd& a);
+
+/// `base` is the simulator's base (last simulate()); `skip`: entries already named.
+Screening screen(Simulator& simulator, const Whitener& whitener, const Fit& base, const Calibration& calibration,
+                 const std::vector<std::size_t>& skip, const Simulator::Progress& progress);
+
+}  // namespace teres

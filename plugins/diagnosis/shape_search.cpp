@@ -1,0 +1,44 @@
+#include "plugins/diagnosis/shape_search.h"
+
+#include <array>
+
+namespace teres {
+namespace {
+
+constexpr std::array kMoves{0.16, 0.08, 0.04, 0.02, 0.01};  // in prior standard deviations, both ways
+constexpr int kRounds = 3;
+
+}  // namespace
+
+void improve_shapes(Simulator& simulator, const Whitener& whitener, const Eigen::VectorXd& observed, Fit& fit) {
+    const FitSpace space(simulator.mechanics(), simulator.effects(), fit.at);
+    for (int round = 0; round < kRounds; ++round) {
+        std::vector<Assumption> others;
+        for (std::size_t k = 0; k < fit.at.effects.size(); ++k) {
+            const auto& parameters = simulator.effects()[fit.at.effects[k].entry].parameters;
+            for (std::size_t p = 0; p < parameters.size(); ++p) {
+                const Eigen::Index column = space.coordinate(k, p);
+                if (parameters[p].role != EffectRole::kShape) continue;
+                for (const double move : kMoves)
+                    for (const double sign : {-1.0, 1.0}) {
+                        Eigen::VectorXd at = space.coordinates(fit.at);
+                        at(column) += sign * move * space.prior_stdev()(column);
+                        others.push_back(space.assumption(at));
+                    }
+            }
+        }
+        if (others.empty()) return;
+        const Eigen::MatrixXd change = whitener(simulator.responses(others));
+        const Eigen::VectorXd costs = (change.colwise() - fit.residual).colwise().squaredNorm();
+        Eigen::Index best = 0;
+        if (costs.minCoeff(&best) >= fit.misfit * (1.0 - 1e-3)) return;
+        Fit moved = fit_jointly(simulator, whitener, observed, others[static_cast<std::size_t>(best)], {2, 0.01, false});
+        if (!moved.usable || moved.cost >= fit.cost) {
+            simulator.simulate(fit.at, fit.trajectory);
+            return;
+        }
+        fit = std::move(moved);
+    }
+}
+
+}  // namespace teres

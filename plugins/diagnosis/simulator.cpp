@@ -1,0 +1,105 @@
+#include "plugins/diagnosis/simulator.h"
+
+#include <algorithm>
+
+namespace teres {
+namespace {
+
+constexpr double kMaxUnconvergedShare = 0.1;  // of the frames; more and the trajectory is no base for anything
+constexpr std::size_t kBatch = 64;            // hypotheses per first_order() call: progress and memory
+
+}  // namespace
+
+Simulator::Simulator(TrajectoryModel& mechanics, const ObservationModel* sensors, const EffectTable& effects)
+    : mechanics_(mechanics),
+      sensors_(sensors),
+      effects_(effects),
+      rows_(3 * mechanics.num_markers() * mechanics.num_frames()) {
+    for (std::size_t f = 0; f < mechanics.num_frames(); ++f) times_.push_back(mechanics.time_s(f));
+}
+
+std::vector<EffectInstance> Simulator::instances(const Assumption& assumption, bool sensor) const {
+    std::vector<EffectInstance> list;
+    for (const ActiveEffect& effect : assumption.effects)
+        if (effects_[effect.entry].sensor == sensor)
+            list.push_back({static_cast<std::int32_t>(effects_[effect.entry].index), effect.values});
+    return list;
+}
+
+Eigen::VectorXd Simulator::observe(const Assumption& assumption, const Eigen::VectorXd& true_m) const {
+    if (sensors_ == nullptr) return true_m;
+    Eigen::VectorXd observed(true_m.size());
+    sensors_->observe(instances(assumption, true), times_, {true_m.data(), rows_}, {observed.data(), rows_});
+    return observed;
+}
+
+double Simulator::noise_factor(const Assumption& assumption) const {
+    return sensors_ == nullptr ? 1.0 : sensors_->noise_factor(instances(assumption, true));
+}
+
+bool Simulator::simulate(const Assumption& assumption, Eigen::VectorXd& observed) {
+    return simulate(assumption, observed, nullptr, nullptr);
+}
+
+bool Simulator::simulate(const Assumption& assumption, Eigen::VectorXd& observed, std::vector<double>* points_m,
+                         std::vector<double>* nodes_m) {
+    base_true_.resize(static_cast<Eigen::Index>(rows_));
+    if (points_m != nullptr) points_m->resize(3 * mechanics_.num_points() * num_frames());
+    if (nodes_m != nullptr) nodes_m->resize(3 * mechanics_.num_nodes() * num_frames());
+    const auto list = instances(assumption, false);
+    const TrajectoryReport report =
+        mechanics_.simulate({assumption.theta, list}, {base_true_.data(), rows_},
+                            points_m != nullptr ? std::span<double>(*points_m) : std::span<double>(),
+                            nodes_m != nullptr ? std::span<double>(*nodes_m) : std::span<double>());
+    base_ = assumption;
+    base_observed_ = observe(assumption, base_true_);
+    observed = base_observed_;
+    return observed.allFinite() &&
+           report.frames - report.frames_converged <= kMaxUnconvergedShare * static_cast<double>(report.frames);
+}
+
+bool Simulator::same_mechanics(const Assumption& a, const Assumption& b) const {
+    if (a.theta != b.theta) return false;
+    const auto mechanical = [&](const Assumption& from) {
+        std::vector<const ActiveEffect*> list;
+        for (const auto& e : from.effects)
+            if (!effects_[e.entry].sensor) list.push_back(&e);
+        return list;
+    };
+    const auto of_a = mechanical(a), of_b = mechanical(b);
+    return std::equal(of_a.begin(), of_a.end(), of_b.begin(), of_b.end(),
+                      [](const auto* x, const auto* y) { return x->entry == y->entry && x->values == y->values; });
+}
+
+Eigen::MatrixXd Simulator::responses(const std::vector<Assumption>& others, const Progress& progress) {
+    const auto rows = static_cast<Eigen::Index>(rows_);
+    Eigen::MatrixXd change = Eigen::MatrixXd::Zero(rows, static_cast<Eigen::Index>(others.size()));
+    std::vector<std::size_t> moved;  // columns whose mechanics differ
+    for (std::size_t k = 0; k < others.size(); ++k)
+        if (!same_mechanics(base_, others[k])) moved.push_back(k);
+    Eigen::MatrixXd batch;
+    for (std::size_t first = 0; first < moved.size(); first += kBatch) {
+        const std::size_t count = std::min(kBatch, moved.size() - first);
+        std::vector<std::vector<EffectInstance>> lists;
+        std::vector<Hypothesis> hypotheses;
+        lists.reserve(count);
+        for (std::size_t k = 0; k < count; ++k) {
+            const Assumption& other = others[moved[first + k]];
+            lists.push_back(instances(other, false));
+            hypotheses.push_back({other.theta, lists.back()});
+        }
+        batch.resize(rows, static_cast<Eigen::Index>(count));
+        if (!mechanics_.first_order(hypotheses, {batch.data(), rows_ * count}, {})) batch.setZero();
+        for (std::size_t k = 0; k < count; ++k)
+            change.col(static_cast<Eigen::Index>(moved[first + k])) = batch.col(static_cast<Eigen::Index>(k));
+        if (progress && !progress(static_cast<double>(first + count) / static_cast<double>(moved.size()))) break;
+    }
+    if (sensors_ != nullptr)
+        for (std::size_t k = 0; k < others.size(); ++k) {
+            const auto column = static_cast<Eigen::Index>(k);
+            change.col(column) = observe(others[k], base_true_ + change.col(column)) - base_observed_;
+        }
+    return change.array().isFinite().select(change, 0.0);
+}
+
+}  // namespace teres

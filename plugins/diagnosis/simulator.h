@@ -1,0 +1,53 @@
+// What a recording would show under an assumption: mechanics, then sensors. All trajectories are vectors of
+// 3 M F rows (TrajectoryModel's layout) [m].
+#pragma once
+
+#include <Eigen/Dense>
+#include <functional>
+#include <vector>
+
+#include "plugins/diagnosis/effect_table.h"
+
+namespace teres {
+
+class Simulator {
+  public:
+    /// `cancelled` is asked between batches; it gets the part done of the running batch list.
+    using Progress = std::function<bool(double part)>;
+
+    Simulator(TrajectoryModel& mechanics, const ObservationModel* sensors, const EffectTable& effects);
+
+    std::size_t num_rows() const { return rows_; }
+    std::size_t num_frames() const { return times_.size(); }
+    std::size_t num_markers() const { return mechanics_.num_markers(); }
+    const std::vector<double>& times_s() const { return times_; }
+    const EffectTable& effects() const { return effects_; }
+    TrajectoryModel& mechanics() const { return mechanics_; }
+
+    /// Simulates and keeps the result as base of responses(). False: too many frames did not converge.
+    bool simulate(const Assumption& assumption, Eigen::VectorXd& observed);
+    /// Also the validation points (3 P F) and all nodes (3 N F) where not null.
+    bool simulate(const Assumption& assumption, Eigen::VectorXd& observed, std::vector<double>* points_m,
+                  std::vector<double>* nodes_m);
+    /// First-order change of the observed trajectory when the base gives way to each of `others`.
+    Eigen::MatrixXd responses(const std::vector<Assumption>& others, const Progress& progress = {});
+    /// Factor on the stated noise.
+    double noise_factor(const Assumption& assumption) const;
+    /// Assumption of the last successful simulate().
+    const Assumption& base() const { return base_; }
+
+  private:
+    std::vector<EffectInstance> instances(const Assumption& assumption, bool sensor) const;
+    Eigen::VectorXd observe(const Assumption& assumption, const Eigen::VectorXd& true_m) const;
+    bool same_mechanics(const Assumption& a, const Assumption& b) const;
+
+    TrajectoryModel& mechanics_;
+    const ObservationModel* sensors_;
+    const EffectTable& effects_;
+    std::size_t rows_;
+    std::vector<double> times_;
+    Assumption base_;
+    Eigen::VectorXd base_true_, base_observed_;
+};
+
+}  // namespace teres

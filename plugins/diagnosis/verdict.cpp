@@ -1,0 +1,58 @@
+#include "plugins/diagnosis/verdict.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace teres {
+
+double refit_score(const Fit& nominal, const Cause& cause, const EffectTable& effects, const Calibration& calibration) {
+    // Scaled coordinates and columns of the amplitudes; place and time have been paid for by the search.
+    const Fit& fit = cause.fit;
+    const Eigen::Index theta = nominal.u.size();
+    std::vector<Eigen::Index> amplitude;
+    Eigen::Index column = theta;
+    for (const std::size_t e : cause.entries)
+        for (const EffectParameter& p : effects[e].parameters) {
+            if (p.role == EffectRole::kAmplitude) amplitude.push_back(column);
+            ++column;
+        }
+    const Eigen::MatrixXd J = fit.J.leftCols(theta), G = fit.J(Eigen::all, amplitude);
+    const Eigen::MatrixXd H = Eigen::MatrixXd::Identity(theta, theta) + J.transpose() * J;
+    const Eigen::MatrixXd S = G.transpose() * G - G.transpose() * J * H.ldlt().solve(J.transpose() * G);
+    const double occam =
+        0.5 * Eigen::MatrixXd(Eigen::MatrixXd::Identity(S.rows(), S.cols()) + calibration.nu / fit.cost * S)
+                  .ldlt()
+                  .vectorD()
+                  .array()
+                  .max(1.0)
+                  .log()
+                  .sum();
+    const double misfit = fit.cost - fit.u.tail(fit.u.size() - theta).squaredNorm();
+    return -0.5 * calibration.nu * std::log(std::max(misfit, 1e-9) / nominal.cost) - tail_price(fit.u(amplitude)) -
+           occam - cause.search_cost - calibration.further_effect * static_cast<double>(cause.entries.size() - 1);
+}
+
+double explained_share(double cost_null, double cost, Eigen::Index num_used, const Calibration& calibration) {
+    const double excess = cost_null - calibration.floor * static_cast<double>(num_used);
+    return excess <= 0.0 ? 0.0 : std::clamp((cost_null - cost) / excess, 0.0, 1.0);
+}
+
+Verdict judge(std::vector<Cause> causes, double cost_null, Eigen::Index num_used, const Calibration& calibration) {
+    Verdict verdict;
+    const double floor = std::min(calibration.floor * static_cast<double>(num_used), cost_null);
+    const double rest = floor + calibration.unknown_share * (cost_null - floor);
+    const double unknown = -0.5 * calibration.nu * std::log(rest / cost_null) - calibration.unknown_price;
+    double top = std::max(calibration.none_bonus, unknown);
+    for (const Cause& cause : causes) top = std::max(top, cause.score);
+    double sum = std::exp(calibration.none_bonus - top) + std::exp(unknown - top);
+    for (const Cause& cause : causes) sum += std::exp(cause.score - top);
+    verdict.none_probability = std::exp(calibration.none_bonus - top) / sum;
+    verdict.unknown_probability = std::exp(unknown - top) / sum;
+    for (Cause& cause : causes) cause.probability = std::exp(cause.score - top) / sum;
+    std::sort(causes.begin(), causes.end(),
+              [](const Cause& a, const Cause& b) { return a.probability > b.probability; });
+    verdict.causes = std::move(causes);
+    return verdict;
+}
+
+}  // namespace teres

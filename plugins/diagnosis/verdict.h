@@ -1,0 +1,40 @@
+// From fitted hypotheses to probabilities. One scale-free score per answer [nats], a softmax over all answers:
+//
+//     none:      bonus
+//     cause c:   -(nu/2) ln(cost_c / cost_0) - tail(a) - search_c - 1/2 ln|I + (nu/cost_c) S_c| - price of further effects
+//     unknown:   -(nu/2) ln(rest / cost_0) - price,   rest = floor n + share (cost_0 - floor n)
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "plugins/diagnosis/calibration.h"
+#include "plugins/diagnosis/joint_fit.h"
+#include "plugins/diagnosis/screening.h"
+
+namespace teres {
+
+/// A set of effects that was fitted (or only screened).
+struct Cause {
+    std::vector<std::size_t> entries;
+    Fit fit;                     ///< of the refit; not usable if only screened
+    double search_cost = 0.0;    ///< sum over its effects
+    double score = 0.0;
+    double probability = 0.0;
+    double explained = 0.0;      ///< share of the cost above the floor that it takes away
+};
+
+struct Verdict {
+    std::vector<Cause> causes;   ///< most probable first
+    double none_probability = 0.0;
+    double unknown_probability = 0.0;
+};
+
+/// Score of a refitted cause against the nominal fit.
+double refit_score(const Fit& nominal, const Cause& cause, const EffectTable& effects, const Calibration& calibration);
+/// Share of the nominal cost above the floor explained by `cost`.
+double explained_share(double cost_null, double cost, Eigen::Index num_used, const Calibration& calibration);
+/// Fills probabilities and sorts.
+Verdict judge(std::vector<Cause> causes, double cost_null, Eigen::Index num_used, const Calibration& calibration);
+
+}  // namespace teres

@@ -1,0 +1,196 @@
+// The whole inference on a body whose motion is known in closed form; the data come from a body that is 2 % softer than
+// the nominal one (model error that must not be blamed on anything), with supports other than the prior's.
+#include "plugins/diagnosis/diagnosis.h"
+
+#include <gtest/gtest.h>
+
+#include <random>
+
+#include "tests/support/test_data.h"
+#include "tests/support/toy_body.h"
+
+namespace teres {
+namespace {
+
+constexpr double kNoise = 3e-4;
+
+struct Scene {
+    test::ToyBody body;
+    test::ToyCamera camera;
+    std::vector<double> observed;
+
+    // Effects: index in the toy's own catalogues.
+    explicit Scene(std::vector<EffectInstance> mechanical, std::vector<EffectInstance> sensor = {}, double noise = kNoise,
+                   unsigned seed = 1) {
+        const std::vector<double> theta{38.0, 70.0};
+        const auto truth = body.motion({theta, mechanical}, 1.02);
+        observed.resize(truth.size());
+        std::vector<double> times;
+        for (std::size_t f = 0; f < test::kToyFrames; ++f) times.push_back(body.time_s(f));
+        camera.observe(sensor, times, truth, observed);
+        std::mt19937 generator(seed);
+        std::normal_distribution<double> scatter(0.0, noise);
+        for (double& y : observed) y += scatter(generator);
+        for (std::size_t f = 20; f < 30; ++f)  // marker 5 is lost for a while
+            for (std::size_t a = 0; a < 3; ++a) observed[3 * (f * test::kToyMarkers + 5) + a] = NAN;
+    }
+    GapRecording recording() { return {"toy", &body, &camera, observed, kNoise, 1}; }
+    Result<Diagnosis> run(std::vector<const char*> excluded = {}, int max_effects = 3) {
+        DiagnosisOptions options;
+        options.excluded = excluded;
+        options.max_effects = max_effects;
+        const GapRecording one = recording();
+        effects.emplace(body, &camera, options.excluded);
+        return diagnose({&one, 1}, *effects, options);
+    }
+    std::optional<EffectTable> effects;
+    std::vector<std::string> names(const Diagnosis& d) {
+        std::vector<std::string> list;
+        if (const Cause* c = d.named())
+            for (const std::size_t e : c->entries) list.emplace_back((*effects)[e].info.id);
+        std::sort(list.begin(), list.end());
+        return list;
+    }
+};
+
+std::string listing(const Diagnosis& d, const EffectTable& effects) {
+    std::string text = "none " + std::to_string(d.verdict.none_probability) + ", unknown " +
+                       std::to_string(d.verdict.unknown_probability) + ", nominal cost " +
+                       std::to_string(d.nominal.cost / static_cast<double>(d.recording.fit_rows.size()));
+    for (const Cause& c : d.verdict.causes) {
+        text += "\n ";
+        for (const std::size_t e : c.entries) text += std::string(" ") + effects[e].info.id;
+        text += ": score " + std::to_string(c.score) + ", p " + std::to_string(c.probability) + ", cost " +
+                std::to_string(c.fit.cost / static_cast<double>(d.recording.fit_rows.size())) + ", search " +
+                std::to_string(c.search_cost) + ", values";
+        if (c.fit.usable)
+            for (const auto& e : c.fit.at.effects)
+                for (const double v : e.values) text += " " + std::to_string(v);
+    }
+    return text;
+}
+
+using Names = std::vector<std::string>;
+
+TEST(Diagnosis, ControlIsAnsweredNone) {
+    for (const unsigned seed : {1u, 2u, 3u}) {
+        Scene scene({}, {}, kNoise, seed);
+        const auto d = scene.run();
+        ASSERT_TRUE(d) << d.error().text;
+        EXPECT_GT(d->verdict.none_probability, 0.5) << seed;
+        EXPECT_FALSE(d->significant);
+    }
+}
+
+TEST(Diagnosis, ForceLikeCauseIsNamedPlacedAndTimed) {
+    const std::vector<double> v{0.15, -0.1, -0.35, 0.08, 0.03, 5.3};
+    Scene scene({{test::ToyBody::kUnknownLoad, v}});
+    const auto d = scene.run();
+    ASSERT_TRUE(d) << d.error().text;
+    ASSERT_EQ(scene.names(*d), Names{"unknown_load"}) << listing(*d, *scene.effects);
+    EXPECT_GT(d->named()->probability, 0.8);
+    const auto& fitted = d->named()->fit.at.effects[0].values;
+    EXPECT_NEAR(fitted[3], 0.08, 0.01);
+    EXPECT_NEAR(fitted[4], 0.03, 0.01);
+    ASSERT_TRUE(d->where.onset_s);
+    EXPECT_NEAR(*d->where.onset_s, 5.3, 0.25) << "one frame is 0.2 s";
+    EXPECT_EQ(d->where.kind, "load");
+    EXPECT_GT(d->shrinkage.fraction, 0.8);
+    EXPECT_LE(d->shrinkage.ci95[0], d->shrinkage.fraction);
+    EXPECT_GE(d->shrinkage.ci95[1], d->shrinkage.fraction);
+}
+
+TEST(Diagnosis, StiffnessSensorAndNoiseAreTold) {
+    const std::vector<double> soft{0.4}, shift{0.004, -0.003, 0.005}, slip{0.004, 0.0, -0.005, 7.0, 4.1}, law{1500.0};
+    {
+        Scene scene({{test::ToyBody::kStiffness, soft}});
+        const auto d = scene.run();
+        ASSERT_TRUE(d);
+        EXPECT_EQ(scene.names(*d), Names{"stiffness"}) << listing(*d, *scene.effects);
+        EXPECT_NEAR(d->named()->fit.at.effects[0].values[0], 0.4, 0.04);
+    }
+    {
+        Scene scene({}, {{test::ToyCamera::kRegistration, shift}});
+        const auto d = scene.run();
+        ASSERT_TRUE(d);
+        EXPECT_EQ(scene.names(*d), Names{"registration"}) << listing(*d, *scene.effects);
+        EXPECT_EQ(d->where.kind, "sensor");
+    }
+    {
+        Scene scene({}, {{test::ToyCamera::kMarkerSlip, slip}});
+        const auto d = scene.run();
+        ASSERT_TRUE(d);
+        EXPECT_EQ(scene.names(*d), Names{"marker_slip"}) << listing(*d, *scene.effects);
+        EXPECT_EQ(std::max_element(d->where.marker_share.begin(), d->where.marker_share.end()) - d->where.marker_share.begin(), 7);
+    }
+    {
+        Scene scene({}, {}, 4.0 * kNoise);
+        const auto d = scene.run();
+        ASSERT_TRUE(d);
+        EXPECT_EQ(scene.names(*d), Names{"noise"}) << listing(*d, *scene.effects);
+    }
+    {
+        Scene scene({{test::ToyBody::kMaterialLaw, law}});
+        const auto d = scene.run();
+        ASSERT_TRUE(d);
+        EXPECT_EQ(scene.names(*d), Names{"material_law"}) << listing(*d, *scene.effects);
+    }
+}
+
+TEST(Diagnosis, WithheldCauseIsUnknownNotSomethingElse) {
+    const std::vector<double> v{0.15, -0.1, -0.35, 0.08, 0.03, 5.3};
+    Scene scene({{test::ToyBody::kUnknownLoad, v}});
+    const auto d = scene.run({"unknown_load"});
+    ASSERT_TRUE(d) << d.error().text;
+    EXPECT_EQ(d->named(), nullptr) << listing(*d, *scene.effects);
+    EXPECT_GT(d->verdict.unknown_probability, 0.5);
+    ASSERT_TRUE(d->where.center_m) << "the force map places what has no name";
+    EXPECT_LT((Eigen::Vector3d((*d->where.center_m).data()) - Eigen::Vector3d(0.08, 0.03, 0.01)).norm(), 0.035)
+        << "one patch (marker spacing 40-50 mm)";
+}
+
+TEST(Diagnosis, TwoCausesAreBothNamed) {
+    const std::vector<double> load{0.15, -0.1, -0.35, 0.08, 0.03, 5.3}, shift{0.004, -0.003, 0.005};
+    Scene scene({{test::ToyBody::kUnknownLoad, load}}, {{test::ToyCamera::kRegistration, shift}});
+    const auto d = scene.run();
+    ASSERT_TRUE(d) << d.error().text;
+    EXPECT_EQ(scene.names(*d), (Names{"registration", "unknown_load"})) << listing(*d, *scene.effects);
+    EXPECT_EQ(d->ladder.size(), 3u);
+    EXPECT_LT(d->ladder[2].heldout_rms_m, d->ladder[1].heldout_rms_m);
+}
+
+TEST(Diagnosis, BadRecordingsAreRefusedWithTheReason) {
+    Scene scene({});
+    for (std::size_t f = 0; f < test::kToyFrames; ++f)
+        for (std::size_t a = 0; a < 3; ++a) scene.observed[3 * (f * test::kToyMarkers + 2) + a] = NAN;
+    const auto lost = scene.run();
+    ASSERT_FALSE(lost);
+    EXPECT_NE(lost.error().text.find("marker 12 is lost throughout"), std::string::npos) << lost.error().text;
+
+    Scene stuck({});
+    stuck.body.converges = false;
+    const auto d = stuck.run();
+    ASSERT_FALSE(d);
+    EXPECT_EQ(d.error().kind, ErrorKind::kNotUsable);
+}
+
+TEST(Diagnosis, EnsembleIsComputedOncePerBody) {
+    const test::ScratchFolder scratch;
+    Scene scene({});
+    const EffectTable effects(scene.body, &scene.camera, {});
+    Simulator simulator(scene.body, &scene.camera, effects);
+    const auto first = discrepancy_of(simulator, scratch.path() / "cache", 5, {});
+    ASSERT_TRUE(first);
+    EXPECT_GT(first->runs, 2);
+    EXPECT_FALSE(first->from_cache);
+    const auto second = discrepancy_of(simulator, scratch.path() / "cache", 5, {});
+    ASSERT_TRUE(second);
+    EXPECT_TRUE(second->from_cache);
+    EXPECT_EQ(first->columns, second->columns);
+    const auto other = discrepancy_of(simulator, scratch.path() / "cache", 6, {});
+    ASSERT_TRUE(other);
+    EXPECT_FALSE(other->from_cache) << "another body";
+}
+
+}  // namespace
+}  // namespace teres
