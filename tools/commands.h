@@ -46,6 +46,7 @@ inline constexpr int kDeepQueue = 1000;
 void add_doctor_command(CLI::App& app, int& exit_code);
 void add_record_command(CLI::App& app, int& exit_code);
 void add_replay_command(CLI::App& app, int& exit_code);
+void add_diagnose_command(CLI::App& app, int& exit_code);
 void add_estimate_command(CLI::App& app, int& exit_code);
 void add_run_command(CLI::App& app, int& exit_code);
 void add_score_command(CLI::App& app, int& exit_code);

@@ -20,6 +20,7 @@ int main(int argc, char** argv) {
         add_replay_command(app, exit_code);
         add_run_command(app, exit_code);
         add_estimate_command(app, exit_code);
+        add_diagnose_command(app, exit_code);
         add_settings_command(app, exit_code);
         add_doctor_command(app, exit_code);
         add_score_command(app, exit_code);

@@ -1,0 +1,172 @@
+// teres diagnose CASE...: where simulation and recording part, which missing effect is to blame, how far the gap closes.
+#include <algorithm>
+#include <cstdio>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "core/case/text_file.h"
+#include "core/case/text_writer.h"
+#include "tools/commands.h"
+#include "tools/diagnosis_run.h"
+#include "tools/position_table.h"
+#include "tools/progress.h"
+
+namespace teres::tools {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct DiagnoseOptions {
+    std::vector<std::string> cases, excluded;
+    std::string json_file, report_folder, predict_file, cache_folder = default_cache_folder();
+    bool plan = false;
+    int max_effects = 3;
+    SettingsOptions settings;
+};
+
+std::string joined(const Json& names, const char* separator = " + ") {
+    std::string text;
+    for (const auto& name : names) text += (text.empty() ? "" : separator) + name.get<std::string>();
+    return text;
+}
+
+void print_gap(const Json& j) {
+    const Json &gap = j["gap"], &s = j["shrinkage"];
+    std::printf("%s: gap %.2f mm, floor of noise and model error %.2f mm\n", j["case"].get<std::string>().c_str(),
+                gap["rms_mm"].get<double>(), gap["noise_floor_mm"].get<double>());
+    std::printf("  %-44s %11s   %s\n", "answer", "probability", "inseparable here");
+    const auto row = [](const std::string& name, double p, const std::string& other) {
+        std::printf("  %-44s %9.1f %%   %s\n", name.c_str(), 100.0 * p, other.c_str());
+    };
+    for (const auto& cause : j["causes"])
+        if (cause["probability"].get<double>() >= 0.005 || &cause == &j["causes"][0])
+            row(joined(cause["effects"]), cause["probability"].get<double>(), joined(cause["confusable_with"], ", "));
+    row("none (nothing beyond the floor)", j["none_probability"].get<double>(), "");
+    row("unknown (no effect of the catalogue)", j["unknown_probability"].get<double>(), "");
+    if (!s["effects"].empty()) {
+        for (const auto& p : j["causes"][0]["parameters"])
+            std::printf("    %-24s %12.5g +- %-10.3g %s\n", p["name"].get<std::string>().c_str(),
+                        p["mean"].is_null() ? 0.0 : p["mean"].get<double>(),
+                        p["stdev"].is_null() ? 0.0 : p["stdev"].get<double>(), p["unit"].get<std::string>().c_str());
+        std::printf("  held out (%s): %.2f mm -> %.2f mm, %.0f %% of the gap gone\n",
+                    s["heldout"].get<std::string>().c_str(), s["before_rms_mm"].get<double>(),
+                    s["after_rms_mm"].get<double>(), 100.0 * (s["fraction"].is_null() ? 0.0 : s["fraction"].get<double>()));
+    }
+    for (const auto& t : j["transfers"])
+        std::printf("  fitted on %s, predicting %s: %.2f mm -> %.2f mm\n", t["fitted"].get<std::string>().c_str(),
+                    t["predicted"].get<std::string>().c_str(), t["before_rms_mm"].get<double>(),
+                    t["after_rms_mm"].get<double>());
+    if (j["ladder"].size() > 1)
+        for (const auto& step : j["ladder"])
+            std::printf("    %-44s %7.2f mm fitted, %7.2f mm held out\n",
+                        step["effects"].empty() ? "nominal" : joined(step["effects"]).c_str(),
+                        step["fitted_rms_mm"].get<double>(), step["heldout_rms_mm"].get<double>());
+    std::printf("  next: %s\n", j["next_experiment"].get<std::string>().c_str());
+}
+
+void print_plan(const Json& j) {
+    const Json& id = j["identifiability"];
+    std::printf("%s: what this recording could reveal\n", j["case"].get<std::string>().c_str());
+    std::printf("  %-20s %12s  %-8s %s\n", "effect", "chi^2", "visible", "stands in for it (overlap)");
+    for (std::size_t c = 0; c < id["effects"].size(); ++c) {
+        std::vector<std::pair<double, std::string>> rivals;
+        for (std::size_t d = 0; d < id["effects"].size(); ++d)
+            if (d != c) rivals.emplace_back(id["overlap"][c][d].get<double>(), id["effects"][d].get<std::string>());
+        std::sort(rivals.rbegin(), rivals.rend());
+        std::string text;
+        for (std::size_t k = 0; k < rivals.size() && k < 3 && rivals[k].first > 0.3; ++k) {
+            char item[80];
+            std::snprintf(item, sizeof item, "%s%s %.2f", k > 0 ? ", " : "", rivals[k].second.c_str(), rivals[k].first);
+            text += item;
+        }
+        std::printf("  %-20s %12.3g  %-8s %s\n", id["effects"][c].get<std::string>().c_str(),
+                    id["visibility_chi2"][c].is_null() ? 0.0 : id["visibility_chi2"][c].get<double>(),
+                    id["visible"][c].get<bool>() ? "yes" : "no", text.c_str());
+    }
+    for (const auto& pair : id["inseparable"])
+        std::printf("  %s looks like %s: %s\n", pair["effect"].get<std::string>().c_str(),
+                    pair["stand_in"].get<std::string>().c_str(), pair["separated_by"].get<std::string>().c_str());
+    for (const auto& s : j["suggestions"])
+        std::printf("  to see %s: %s\n", s["effect"].get<std::string>().c_str(), s["made_visible_by"].get<std::string>().c_str());
+    for (const auto& a : id["not_in_question"])
+        std::printf("  not in question: %s (%s)\n", a["effect"].get<std::string>().c_str(), a["why"].get<std::string>().c_str());
+}
+
+Result<int> diagnose(const DiagnoseOptions& options) {
+    TERES_TRY_ASSIGN(const Config config, read_offline_settings(options.settings));
+    DiagnosisRunOptions work;
+    work.excluded = options.excluded;
+    work.cache_folder = options.cache_folder;
+    work.plan_only = options.plan;
+    work.max_effects = options.max_effects;
+    for (const std::string& assignment : options.settings.overrides) work.settings_text += assignment + "\n";
+    if (!options.settings.config_file.empty()) {
+        TERES_TRY_ASSIGN(const std::string text, read_text_file(options.settings.config_file));
+        work.settings_text += text;
+    }
+    std::unique_ptr<Progress> bar;
+    std::string stage;
+    work.progress = [&](const std::string& name, double part) {
+        if (stage != name) {
+            if (bar != nullptr) bar->finish();
+            bar = std::make_unique<Progress>(name, 100);
+            stage = name;
+        }
+        bar->update(static_cast<std::size_t>(100.0 * std::clamp(part, 0.0, 1.0)));
+    };
+    auto result = diagnose_cases(options.cases, config, work);
+    bar.reset();
+    if (!result) return tl::unexpected(result.error());
+    const Json json = Json::parse(result->gap_json);
+    if (options.plan) {
+        print_plan(json);
+    } else {
+        print_gap(json);
+        if (!options.predict_file.empty()) {
+            PositionTable table;
+            const std::size_t stride = 3 * result->point_id.size();
+            for (std::size_t f = 0; f < result->time_s.size(); ++f)
+                table.add(result->time_s[f], result->point_id, std::span(result->points_m).subspan(f * stride, stride));
+            TERES_TRY(table.write(options.predict_file));
+        }
+    }
+    if (!options.json_file.empty()) TERES_TRY(write_text_file(options.json_file, result->gap_json));
+    return kDone;
+}
+
+}  // namespace
+
+void add_diagnose_command(CLI::App& app, int& exit_code) {
+    auto options = std::make_shared<DiagnoseOptions>();
+    CLI::App* verb = add_verb(
+        app, exit_code, "diagnose",
+        "The gap between simulation and recording: where, which missing effect, how far it shrinks",
+        "  teres diagnose CASE --json gap.json --report report\n"
+        "  teres diagnose --plan CASE                         # before recording: what could this reveal, what not?\n"
+        "  teres diagnose CASE1 CASE2                         # one body: named on CASE1, predicted on CASE2\n"
+        "  teres diagnose CASE --exclude viscoelasticity      # with an effect withheld from the catalogue\n"
+        "`none` (nothing beyond the floor) and `unknown` (no effect of the catalogue) are answers too.\n"
+        "Exit code 1: a diagnosis cannot be made (the reason is printed); 2: a case, an effect or a setting is wrong.",
+        [options] {
+            const Result<int> code = diagnose(*options);
+            return code ? *code : report(code.error());
+        });
+    verb->add_option("case", options->cases, "Case folders (teres-case-1) of one body")->required()->type_name("CASE");
+    verb->add_option("--json", options->json_file, "Write the diagnosis as JSON (teres-gap-1)")->type_name("FILE");
+    verb->add_option("--predict", options->predict_file,
+                     "Write t_s,point_id,x_m,y_m,z_m of the points of validation_rest.csv with the named effects added")
+        ->type_name("CSV");
+    verb->add_option("--exclude", options->excluded, "Leave an effect out of the catalogue; may be repeated")
+        ->type_name("EFFECT")
+        ->allow_extra_args(false);
+    verb->add_flag("--plan", options->plan, "Only what geometry, markers and loads could reveal; observations unused");
+    verb->add_option("--max-effects", options->max_effects, "Most effects at once")
+        ->check(CLI::Range(1, 5))
+        ->capture_default_str();
+    verb->add_option("--cache", options->cache_folder, "Folder for what is computed once per body; \"\": none")
+        ->type_name("DIR")
+        ->capture_default_str();
+    add_settings_options(*verb, options->settings);
+}
+
+}  // namespace teres::tools

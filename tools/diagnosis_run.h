@@ -1,0 +1,39 @@
+// The gap diagnosis offline: one session of units per recording, the unit `diagnosis` of the first one over all of them.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "core/case/case.h"
+#include "core/config.h"
+#include "core/result.h"
+
+namespace teres::tools {
+
+struct DiagnosisRunOptions {
+    std::vector<std::string> excluded;
+    std::string cache_folder;  ///< of discrepancy ensembles; empty: none is kept
+    std::string settings_text; ///< what was set, as text: part of the cache's key
+    bool plan_only = false;
+    int max_effects = 3;
+    std::function<void(const std::string& stage, double part)> progress{};
+};
+
+struct DiagnosisRun {
+    std::string gap_json, report_json;
+    std::vector<double> time_s;            ///< of the frames of the first recording
+    std::vector<std::int32_t> point_id;
+    std::vector<double> points_m;          ///< 3 per point and frame, with the named effects
+};
+
+/// $XDG_CACHE_HOME/teres, else ~/.cache/teres; empty if there is neither.
+std::string default_cache_folder();
+
+/// Errors: a bad case or effect name; recordings of different bodies; nothing that moves the body (kInvalidInput);
+/// a nominal model that does not converge (kNotUsable).
+Result<DiagnosisRun> diagnose_cases(const std::vector<std::string>& case_folders, const Config& config,
+                                    const DiagnosisRunOptions& options);
+
+}  // namespace teres::tools
