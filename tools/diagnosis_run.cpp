@@ -136,7 +136,7 @@ Result<Hosted> host(const std::string& folder, Config config, bool first, const 
     for (const std::string& assignment :
          {std::string("service.bus_url=memq://"), "service.case=" + folder, std::string("service.drivers="),
           std::string(first ? "service.plugins=simulation,sensor_model,diagnosis" : "service.plugins=simulation,sensor_model"),
-          std::string("service.health_period_s=0")})
+          std::string("service.health_period_s=0"), std::string("simulation.trajectories=true")})
         TERES_TRY(config.set(assignment, "teres diagnose"));
     TERES_TRY_ASSIGN(h.session, Session::open(config));
     TERES_TRY(h.session->start());
