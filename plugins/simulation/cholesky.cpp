@@ -39,7 +39,7 @@ struct Cholesky::Impl {
 Cholesky::Cholesky(const BlockPattern& pattern) : impl_(std::make_unique<Impl>(pattern)) {
     cholmod_start(&impl_->common);
     impl_->common.print = 0;
-    impl_->common.supernodal = CHOLMOD_AUTO;
+    impl_->common.supernodal = CHOLMOD_SUPERNODAL;
     impl_->common.nmethods = 0;  // try the user's, AMD and METIS orderings, keep the best
     impl_->common.error_handler = nullptr;
     cholmod_sparse A = impl_->view(nullptr);
@@ -81,6 +81,13 @@ void Cholesky::solve(Eigen::Ref<Eigen::MatrixXd> B) noexcept {
                                   &impl_->E, &impl_->common);
     TERES_CHECK(ok != 0);
     B = Eigen::Map<const Eigen::MatrixXd>(static_cast<const double*>(impl_->X->x), B.rows(), B.cols());
+}
+
+SupernodalFactor Cholesky::supernodes() const {
+    const auto& L = *impl_->factor;
+    const auto ints = [](const void* p) { return static_cast<const std::int32_t*>(p); };
+    return {static_cast<std::int32_t>(L.nsuper), ints(L.super), ints(L.pi), ints(L.px), ints(L.s), ints(L.Perm),
+            impl_->ready ? static_cast<const double*>(L.x) : nullptr};
 }
 
 double Cholesky::factor_nonzeros() const {

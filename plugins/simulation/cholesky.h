@@ -3,12 +3,22 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
 #include <memory>
 #include <vector>
 
 #include "plugins/simulation/block_pattern.h"
 
 namespace teres {
+
+/// The factor as CHOLMOD keeps it: supernode s has columns column[s] .. column[s+1]; its rows are row[row_start[s]..]
+/// (its own columns first); values are column-major from value_start[s]. permutation[k]: row of K at position k.
+struct SupernodalFactor {
+    std::int32_t num_supernodes = 0;
+    const std::int32_t *column = nullptr, *row_start = nullptr, *value_start = nullptr, *row = nullptr,
+                       *permutation = nullptr;
+    const double* values = nullptr;  ///< null before the first factorisation
+};
 
 class Cholesky {
   public:
@@ -26,6 +36,7 @@ class Cholesky {
     void solve(Eigen::Ref<Eigen::MatrixXd> B) noexcept;
 
     double factor_nonzeros() const;
+    SupernodalFactor supernodes() const;
 
   private:
     struct Impl;

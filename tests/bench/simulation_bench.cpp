@@ -9,6 +9,7 @@
 #include <memory>
 
 #include "plugins/simulation/case_model.h"
+#include "plugins/simulation/metric_solver.h"
 #include "tests/support/synthetic_case.h"
 
 namespace teres {
@@ -128,6 +129,32 @@ void BM_Solve(benchmark::State& state) {
     }
 }
 BENCHMARK(BM_Solve)->ArgName("rhs")->Arg(1)->Arg(9)->Unit(benchmark::kMillisecond);
+
+void BM_Metric(benchmark::State& state) {
+    Setup setup(7500, BodyLaw::kStVK, 1);
+    const MechanicalSystem& system = setup.model->system();
+    ExternalActions actions;
+    system.resolve({}, {}, actions);
+    std::vector<double> values;
+    system.tangent(actions, {}, 0, setup.theta.data(), system.parts().X, values);
+    Cholesky cholesky(system.pattern());
+    cholesky.factorise(values);
+    TaskTeam team(static_cast<int>(state.range(1)));
+    MetricSolver metric(cholesky, team);
+    metric.renew(cholesky);
+    const auto lanes = static_cast<std::size_t>(state.range(0));
+    std::vector<float> y(metric.num_storage_rows() * MetricSolver::lane_stride(lanes), 1.0f);
+    for (auto _ : state) {
+        std::fill(y.begin(), y.end(), 1.0f);
+        metric.solve(y.data(), lanes);
+        benchmark::DoNotOptimize(y.data());
+    }
+}
+BENCHMARK(BM_Metric)
+    ->ArgNames({"lanes", "threads"})
+    ->ArgsProduct({{1, 8, 9}, {1, 2}})
+    ->UseRealTime()
+    ->Unit(benchmark::kMillisecond);
 
 }  // namespace
 }  // namespace teres
