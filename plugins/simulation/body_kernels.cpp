@@ -6,20 +6,18 @@
 #include <limits>
 
 #include "plugins/simulation/body.h"
+#include "plugins/simulation/lane_packs.h"
 
 namespace teres {
 namespace {
 
-// One double per lane; GCC and Clang lower it to SSE2, AVX or NEON.
-typedef double Pack __attribute__((vector_size(kPackLanes * sizeof(double)), aligned(8), may_alias));
+using Pack = LanePack<double, kPackLanes>;  // one double per lane
 
 Pack load(const double* p) {
-    Pack v;
-    std::memcpy(&v, p, sizeof v);
-    return v;
+    return load_pack<Pack>(p);
 }
 void store(double* p, const Pack& v) {
-    std::memcpy(p, &v, sizeof v);
+    store_pack(p, v);
 }
 
 template <class F>
@@ -232,21 +230,14 @@ void add_effects(const StrainPoints& points, const Material& material, std::size
     }
 }
 
-// One copy per instruction set, chosen when the program is loaded; without contraction all give the same
-// bits.
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__) && \
-    !defined(__SANITIZE_THREAD__)
-#define TERES_MULTIVERSION __attribute__((target_clones("avx2", "default"), flatten))
-#else
-#define TERES_MULTIVERSION
-#endif
-
 }  // namespace
 
 TERES_MULTIVERSION
-void add_gradient_of_points(const StrainPoints& points, const Material& material, const double* x,
-                            double* gradient, double* energy, std::size_t stride) noexcept {
-    for (std::size_t q = 0; q < points.size(); ++q) {
+void add_gradient_of_points(const StrainPoints& points, const PointRows& rows, const Material& material,
+                            const double* x, double* gradient, double* spare, double* energy,
+                            std::size_t stride) noexcept {
+    for (std::size_t k = 0; k < rows.count; ++k) {
+        const auto q = static_cast<std::size_t>(rows.point[k]);
         const auto first = static_cast<std::size_t>(points.offset[q]),
                    last = static_cast<std::size_t>(points.offset[q + 1]);
         const double scale = points.volume[q] * points.stiffness_scale[q];
@@ -266,7 +257,9 @@ void add_gradient_of_points(const StrainPoints& points, const Material& material
             store(energy + lane, load(energy + lane) + scale * psi);
             for (auto& p : P.m) p *= scale;
             for (auto i = first; i < last; ++i) {
-                double* gi = gradient + static_cast<std::size_t>(points.node[i]) * 3 * stride + lane;
+                const std::int32_t row = rows.row[i];
+                double* gi = row >= 0 ? gradient + static_cast<std::size_t>(row) * 3 * stride + lane
+                                      : spare + static_cast<std::size_t>(~row) * 3 * stride + lane;
                 const double* g = &points.gradient[3 * i];
                 for (std::size_t a = 0; a < 3; ++a)
                     store(gi + a * stride,

@@ -2,14 +2,23 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 
 #include "plugins/simulation/material.h"
 #include "plugins/simulation/strain_points.h"
 
 namespace teres {
 
-/// Adds energy (one per lane) and gradient of all points; layout as in body.h.
-void add_gradient_of_points(const StrainPoints& points, const Material& material, const double* x,
-                            double* gradient, double* energy, std::size_t stride) noexcept;
+/// Points [0, count) of a set, by number, and the row each of their node entries is added to (point_shares.h).
+struct PointRows {
+    const std::int32_t* point;
+    std::size_t count;
+    const std::int32_t* row;
+};
+
+/// Adds energy (one per lane) and gradient of the points named; layout as in body.h.
+void add_gradient_of_points(const StrainPoints& points, const PointRows& rows, const Material& material,
+                            const double* x, double* gradient, double* spare, double* energy,
+                            std::size_t stride) noexcept;
 
 }  // namespace teres

@@ -135,6 +135,7 @@ Result<std::unique_ptr<CaseModel>> CaseModel::make(const Case& c, const CaseMode
     }
 
     parts.num_parameters = m->parameters_.size();
+    parts.threads = settings.threads;
     m->max_lanes_ = static_cast<std::size_t>(settings.max_lanes);
     m->system_ = std::make_unique<MechanicalSystem>(std::move(parts));
     m->solver_ = std::make_unique<EquilibriumSolver>(*m->system_, settings.equilibrium, m->max_lanes_);

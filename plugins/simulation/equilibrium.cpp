@@ -6,84 +6,90 @@
 
 #include "core/check.h"
 #include "plugins/simulation/group_correction.h"
+#include "plugins/simulation/lane_history.h"
+#include "plugins/simulation/metric_solver.h"
 
 namespace teres {
 
 namespace {
-constexpr int kHistory = 8;       // pairs of the quasi-Newton
 constexpr double kArmijo = 1e-4;  // sufficient decrease
 constexpr int kMaxBacktracks = 14;
 constexpr int kNarrowAfter = 10;  // iterations after which slow lanes are gathered into a narrower batch
 constexpr double kEnergyNoise = 1e-12;  // relative rounding of the potential
 }  // namespace
 
+namespace {
+
+// Degree of freedom of each row of the metric.
+std::vector<std::int32_t> dofs_of_rows(const MechanicalSystem& system, const MetricSolver& metric) {
+    std::vector<std::int32_t> of_free(static_cast<std::size_t>(system.pattern().num_rows())), dof;
+    for (std::size_t i = 0; i < system.num_nodes(); ++i)
+        if (const auto free = system.pattern().free_index(static_cast<NodeIndex>(i)); free >= 0)
+            for (std::size_t a = 0; a < 3; ++a)
+                of_free[3 * static_cast<std::size_t>(free) + a] = static_cast<std::int32_t>(3 * i + a);
+    for (std::size_t r = 0; r < metric.num_rows(); ++r)
+        dof.push_back(of_free[static_cast<std::size_t>(metric.free_row(r))]);
+    return dof;
+}
+
+}  // namespace
+
 struct EquilibriumSolver::Workspace {
     Cholesky shared;
-    GroupCorrection correction;     // the lanes' own parameters in the shared metric
-    std::unique_ptr<Cholesky> own;  // for plain Newton; made on first use
+    MetricSolver metric;
+    GroupCorrection correction;  // the lanes' own parameters in the shared metric
+    LaneHistory history;
     std::vector<double> values;
-    Eigen::MatrixXd rhs;
-    std::vector<double> gradient, trial, trial_gradient, direction, scratch;
-    std::vector<double> dx[kHistory], dg[kHistory];
-    std::vector<double> rho[kHistory];
-    std::vector<int> pairs, newest;  // per lane
-    std::vector<double> energy, trial_energy, slope, norm, scale, step, best_norm;
+    std::vector<double> gradient, trial, trial_gradient;
+    std::vector<double> energy, trial_energy, slope, norm, trial_norm, step;  // per lane
     std::vector<char> active, accepted;
     bool stale = false;  // the last call needed many iterations: factorise anew at the start of the next
     // one lane alone, for plain Newton
-    std::vector<double> lane_theta, lane_x, lane_target, lane_damping_target, lane_gradient, lane_energy,
-        lane_trial;
+    std::unique_ptr<Cholesky> own;  // made on first use
+    Eigen::MatrixXd rhs;
+    Eigen::VectorXd residual;
+    std::vector<double> lane_theta, lane_theta_pack, lane_x, lane_target, lane_damping_target, lane_gradient,
+        lane_energy, lane_trial;
     Positions positions;
     // slow lanes gathered
     std::vector<std::size_t> slow;
+    std::vector<char> still;
     std::vector<double> narrow_x, narrow_target, narrow_theta;
+    std::size_t max_lanes;
     double force_floor = 0.0;
 
-    Workspace(const MechanicalSystem& system, std::size_t max_lanes)
+    Workspace(const MechanicalSystem& system, std::size_t lanes)
         : shared(system.pattern()),
-          correction(system.parts().tethers, system.parts().num_parameters, system.pattern(), max_lanes) {
+          metric(shared, system.team()),
+          correction(system.parts().tethers, system.parts().num_parameters, system.pattern(), metric, lanes,
+                     system.team()),
+          history(dofs_of_rows(system, metric), metric.num_storage_rows(), lanes, system.team()),
+          max_lanes(lanes) {
         const std::size_t stride = padded_lanes(max_lanes), dofs = 3 * system.num_nodes();
-        for (auto* v : {&gradient, &trial, &trial_gradient, &direction, &scratch})
-            v->assign(dofs * stride, 0.0);
-        for (int m = 0; m < kHistory; ++m) {
-            dx[m].assign(dofs * stride, 0.0);
-            dg[m].assign(dofs * stride, 0.0);
-            rho[m].assign(stride, 0.0);
-        }
-        for (auto* v : {&energy, &trial_energy, &slope, &norm, &scale, &step, &best_norm})
-            v->assign(stride, 0.0);
-        pairs.assign(stride, 0);
-        newest.assign(stride, 0);
+        const std::size_t parameters = std::max<std::size_t>(1, system.parts().num_parameters);
+        for (auto* v : {&gradient, &trial, &trial_gradient}) v->assign(dofs * stride, 0.0);
+        for (auto* v : {&energy, &trial_energy, &slope, &norm, &trial_norm, &step}) v->assign(stride, 0.0);
         active.assign(stride, 0);
         accepted.assign(stride, 0);
         values.reserve(system.pattern().num_values());
-        rhs.resize(system.pattern().num_rows(), static_cast<Eigen::Index>(max_lanes));
-        lane_theta.assign(std::max<std::size_t>(1, system.parts().num_parameters) * kPackLanes, 0.0);
+        rhs.resize(system.pattern().num_rows(), 1);
+        residual.resize(system.pattern().num_rows());
+        lane_theta.assign(parameters, 0.0);
+        lane_theta_pack.assign(parameters * kPackLanes, 0.0);
         for (auto* v : {&lane_x, &lane_target, &lane_damping_target, &lane_gradient, &lane_trial})
             v->assign(dofs * kPackLanes, 0.0);
         lane_energy.assign(kPackLanes, 0.0);
         positions.resize(3, static_cast<Eigen::Index>(system.num_nodes()));
         slow.assign(stride, 0);
+        still.assign(stride, 0);
         narrow_x.assign(dofs * stride, 0.0);
         narrow_target.assign(dofs * stride, 0.0);
-        narrow_theta.assign(std::max<std::size_t>(1, system.parts().num_parameters) * stride, 0.0);
+        narrow_theta.assign(parameters * stride, 0.0);
         double volume = 0.0;
         for (const double v : system.parts().body.points().front().volume) volume += v;
         force_floor = 1e-5 * system.parts().body.material().mu() * std::cbrt(volume * volume);
     }
 };
-
-namespace {
-
-// out[l] = sum_d a[d, l] b[d, l]
-void lane_dot(const std::vector<double>& a, const std::vector<double>& b, std::size_t dofs,
-              std::size_t stride, std::vector<double>& out) {
-    std::fill(out.begin(), out.end(), 0.0);
-    for (std::size_t d = 0; d < dofs; ++d)
-        for (std::size_t l = 0; l < stride; ++l) out[l] += a[d * stride + l] * b[d * stride + l];
-}
-
-}  // namespace
 
 EquilibriumSolver::EquilibriumSolver(const MechanicalSystem& system, EquilibriumSettings settings,
                                      std::size_t max_lanes)
@@ -92,7 +98,7 @@ EquilibriumSolver::EquilibriumSolver(const MechanicalSystem& system, Equilibrium
 EquilibriumSolver::~EquilibriumSolver() = default;
 
 void EquilibriumSolver::invalidate() {
-    w_ = std::make_unique<Workspace>(system_, static_cast<std::size_t>(w_->rhs.cols()));
+    w_ = std::make_unique<Workspace>(system_, w_->max_lanes);
 }
 
 bool EquilibriumSolver::factorise_tangent(EquilibriumReport& report) noexcept {
@@ -123,34 +129,10 @@ bool EquilibriumSolver::factorise_at(const ExternalActions& actions, const Inert
         w.lane_theta[p] = theta[p * stride + lane];
     if (!system_.tangent(actions, inertia, lane, w.lane_theta.data(), w.positions, w.values)) return false;
     if (!factorise_tangent(report)) return false;
-    w.correction.renew(system_.parts().tethers, w.lane_theta.data(), w.positions, w.shared);
+    w.metric.renew(w.shared);
+    w.correction.renew(system_.parts().tethers, w.lane_theta.data(), w.positions, w.metric);
     w.correction.set_lanes(theta, stride, lanes);
     return true;
-}
-
-// direction = K^-1 direction for all lanes (right-hand sides together).
-void EquilibriumSolver::apply_metric(std::size_t stride, std::size_t lanes) noexcept {
-    auto& w = *w_;
-    const auto& pattern = system_.pattern();
-    auto rhs = w.rhs.leftCols(static_cast<Eigen::Index>(lanes));
-    for (std::size_t i = 0; i < system_.num_nodes(); ++i) {
-        const auto row = pattern.free_index(static_cast<NodeIndex>(i));
-        if (row < 0) continue;
-        for (std::size_t a = 0; a < 3; ++a)
-            for (std::size_t l = 0; l < lanes; ++l)
-                rhs(3 * row + static_cast<Eigen::Index>(a), static_cast<Eigen::Index>(l)) =
-                    w.direction[(3 * i + a) * stride + l];
-    }
-    w.shared.solve(rhs);
-    w.correction.apply(rhs);
-    for (std::size_t i = 0; i < system_.num_nodes(); ++i) {
-        const auto row = pattern.free_index(static_cast<NodeIndex>(i));
-        if (row < 0) continue;
-        for (std::size_t a = 0; a < 3; ++a)
-            for (std::size_t l = 0; l < lanes; ++l)
-                w.direction[(3 * i + a) * stride + l] =
-                    rhs(3 * row + static_cast<Eigen::Index>(a), static_cast<Eigen::Index>(l));
-    }
 }
 
 double EquilibriumSolver::force_scale(const ExternalActions& actions) const noexcept {
@@ -163,7 +145,7 @@ EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const
     auto& w = *w_;
     EquilibriumReport report;
     const std::size_t stride = padded_lanes(lanes), dofs = 3 * system_.num_nodes();
-    TERES_CHECK(lanes > 0 && static_cast<Eigen::Index>(lanes) <= w.rhs.cols());
+    TERES_CHECK(lanes > 0 && lanes <= w.max_lanes);
     if (!settings_.plain_newton) {
         Batch batch{theta, x, inertia, lanes, stride};
         iterate(actions, batch, report);
@@ -189,11 +171,10 @@ EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const
                 nullptr) {  // damping keeps one matrix per lane of the wide batch: plain Newton then
                 Batch rest{w.narrow_theta.data(), w.narrow_x.data(), narrow_inertia, slow, narrow};
                 iterate(actions, rest, report);
-                const std::vector<char> still(w.active.begin(),
-                                              w.active.begin() + static_cast<std::ptrdiff_t>(slow));
+                std::copy_n(w.active.begin(), slow, w.still.begin());
                 std::fill(w.active.begin(), w.active.end(), 0);
                 for (std::size_t l = 0; l < slow; ++l) {
-                    w.active[w.slow[l]] = still[l];
+                    w.active[w.slow[l]] = w.still[l];
                     for (std::size_t d = 0; d < dofs; ++d)
                         x[d * stride + w.slow[l]] = w.narrow_x[d * narrow + l];
                 }
@@ -221,28 +202,27 @@ void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& bat
     for (std::size_t d = 0; d < dofs; ++d)  // padding lanes follow lane 0 so that they stay harmless
         for (std::size_t l = lanes; l < stride; ++l) x[d * stride + l] = x[d * stride];
 
+    // Held rows never move: trial positions and gradients of all rows start from x.
+    std::copy_n(x, all, w.trial.data());
+    w.history.start(stride, MetricSolver::lane_stride(lanes));
     system_.gradient(actions, inertia, theta, x, w.gradient.data(), w.energy.data(), stride, lanes);
-    lane_dot(w.gradient, w.gradient, dofs, stride, w.norm);
+    w.history.norms(w.gradient.data(), w.norm.data());
     const double scale = force_scale(actions);
+    const auto converged = [&](std::size_t l) { return w.norm[l] <= settings_.relative_residual * scale; };
     const int before = report.factorisations;
-    std::size_t running = lanes;
-    bool any = false;
+    std::size_t running = 0;
     for (std::size_t l = 0; l < stride; ++l) {
-        w.norm[l] = std::sqrt(w.norm[l]);
-        w.scale[l] = scale;
-        w.active[l] = l < lanes && !(w.norm[l] <= settings_.relative_residual * scale);
-        w.pairs[l] = 0;
-        w.newest[l] = 0;
-        any = any || w.active[l];
+        w.active[l] = l < lanes && !converged(l);
+        running += static_cast<std::size_t>(w.active[l]);
     }
-    if (any && w.shared.factorised() && !w.stale) w.correction.set_lanes(theta, stride, lanes);
-    if (any && (!w.shared.factorised() || w.stale) &&
+    if (running > 0 && w.shared.factorised() && !w.stale) w.correction.set_lanes(theta, stride, lanes);
+    if (running > 0 && (!w.shared.factorised() || w.stale) &&
         !factorise_at(actions, inertia, theta, x, 0, stride, lanes, report))
         return;
 
     bool refactorised = report.factorisations > before;
     int iteration = 0;
-    for (; any && iteration < settings_.max_iterations; ++iteration) {
+    for (; running > 0 && iteration < settings_.max_iterations; ++iteration) {
         if (iteration >= kNarrowAfter && padded_lanes(running) < stride)
             break;  // the rest goes on in a narrower batch
         if (iteration == 2 * settings_.refactorise_after && !refactorised) {
@@ -251,108 +231,69 @@ void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& bat
             for (std::size_t l = 0; l < lanes; ++l)
                 if (w.active[l] && (!w.active[slowest] || w.norm[l] > w.norm[slowest])) slowest = l;
             refactorised = factorise_at(actions, inertia, theta, x, slowest, stride, lanes, report);
-            std::fill(w.pairs.begin(), w.pairs.end(), 0);
+            w.history.start(stride, MetricSolver::lane_stride(lanes));
             if (!refactorised) break;
         }
-        // Two-loop recursion (Nocedal & Wright 7.4), every lane with its own history.
-        std::copy_n(w.gradient.data(), all, w.direction.data());
-        double alpha[kHistory][64];
-        const int history = std::min(iteration, kHistory);
-        const auto slot = [&](std::size_t l, int back) { return (w.newest[l] + kHistory - back) % kHistory; };
-        for (int back = 0; back < history; ++back) {
-            // lanes reset at different times: slots agree because all lanes push together
-            const int m = slot(0, back);
-            lane_dot(w.dx[m], w.direction, dofs, stride, w.slope);
-            for (std::size_t l = 0; l < stride; ++l)
-                alpha[back][l] = back < w.pairs[l] ? w.rho[m][l] * w.slope[l] : 0.0;
-            for (std::size_t d = 0; d < dofs; ++d)
-                for (std::size_t l = 0; l < stride; ++l)
-                    w.direction[d * stride + l] -= alpha[back][l] * w.dg[m][d * stride + l];
-        }
-        apply_metric(stride, lanes);
-        for (int back = history - 1; back >= 0; --back) {
-            const int m = slot(0, back);
-            lane_dot(w.dg[m], w.direction, dofs, stride, w.slope);
-            double beta[64];
-            for (std::size_t l = 0; l < stride; ++l)
-                beta[l] = back < w.pairs[l] ? alpha[back][l] - w.rho[m][l] * w.slope[l] : 0.0;
-            for (std::size_t d = 0; d < dofs; ++d)
-                for (std::size_t l = 0; l < stride; ++l)
-                    w.direction[d * stride + l] += beta[l] * w.dx[m][d * stride + l];
-        }
-        lane_dot(w.gradient, w.direction, dofs, stride, w.slope);  // p = -direction: slope = -g.direction
-        for (std::size_t l = 0; l < stride; ++l) {
-            w.step[l] = w.active[l] && w.slope[l] > 0.0 ? 1.0 : 0.0;
-            w.accepted[l] = !w.active[l];
-            if (w.active[l] && !(w.slope[l] > 0.0))
-                w.pairs[l] = 0;  // not a descent direction: forget the history
-        }
-        bool all_accepted = false;
-        for (int backtrack = 0; backtrack <= kMaxBacktracks && !all_accepted; ++backtrack) {
-            for (std::size_t d = 0; d < dofs; ++d)
-                for (std::size_t l = 0; l < stride; ++l)
-                    w.trial[d * stride + l] = x[d * stride + l] - w.step[l] * w.direction[d * stride + l];
-            system_.gradient(actions, inertia, theta, w.trial.data(), w.trial_gradient.data(),
-                             w.trial_energy.data(), stride, lanes);
-            lane_dot(w.trial_gradient, w.trial_gradient, dofs, stride, w.best_norm);
-            all_accepted = true;
-            for (std::size_t l = 0; l < lanes; ++l) {
-                if (w.accepted[l]) continue;
-                const double new_norm = std::sqrt(w.best_norm[l]);
-                const double noise = kEnergyNoise * (std::abs(w.energy[l]) + w.step[l] * w.slope[l]);
-                const bool decrease = w.trial_energy[l] <= w.energy[l] - kArmijo * w.step[l] * w.slope[l];
-                const bool at_noise =
-                    w.trial_energy[l] <= w.energy[l] + 100.0 * noise && new_norm < w.norm[l];
-                if (std::isfinite(new_norm) && (decrease || at_noise))
-                    w.accepted[l] = 1;
-                else if (backtrack == kMaxBacktracks)
-                    w.step[l] = 0.0;
-                else {
-                    w.step[l] *= backtrack < 2 ? 0.5 : 0.25;
-                    all_accepted = false;
-                }
-            }
-        }
-        const int next = (w.newest[0] + 1) % kHistory;
-        for (std::size_t d = 0; d < dofs; ++d)
-            for (std::size_t l = 0; l < stride; ++l) {
-                const std::size_t k = d * stride + l;
-                w.dx[next][k] = 0.0;
-                w.dg[next][k] = 0.0;
-                if (!w.active[l] || !w.accepted[l] || w.step[l] == 0.0) continue;
-                w.dx[next][k] = w.trial[k] - x[k];
-                w.dg[next][k] = w.trial_gradient[k] - w.gradient[k];
-                x[k] = w.trial[k];
-                w.gradient[k] = w.trial_gradient[k];
-            }
-        lane_dot(w.dx[next], w.dg[next], dofs, stride, w.slope);
-        any = false;
-        for (std::size_t l = 0; l < stride; ++l) {
-            w.newest[l] = next;
-            if (!w.active[l]) continue;
-            if (w.accepted[l] && w.step[l] != 0.0) {
-                w.norm[l] = std::sqrt(w.best_norm[l]);
+        w.history.begin(w.gradient.data());
+        w.metric.solve(w.history.direction(), lanes);
+        w.correction.apply(w.history.direction(), lanes);
+        for (std::size_t l = 0; l < stride; ++l) w.step[l] = w.active[l] ? 1.0 : 0.0;
+        w.history.finish(w.gradient.data(), x, w.step.data(), w.trial.data(), w.slope.data());
+        line_search(actions, batch);
+        w.history.accept(w.trial.data(), w.trial_gradient.data(), w.step.data(), w.accepted.data(), x,
+                         w.gradient.data());
+        running = 0;
+        for (std::size_t l = 0; l < lanes; ++l) {
+            if (w.accepted[l]) {
+                w.norm[l] = w.trial_norm[l];
                 w.energy[l] = w.trial_energy[l];
-                if (w.slope[l] > 0.0) {
-                    w.rho[next][l] = 1.0 / w.slope[l];
-                    w.pairs[l] = std::min(w.pairs[l] + 1, kHistory);
-                } else {
-                    w.pairs[l] = 0;
-                }
-            } else {
-                w.pairs[l] = 0;
+            } else if (w.active[l]) {
+                w.history.forget(l);
             }
-            w.active[l] = !(w.norm[l] <= settings_.relative_residual * w.scale[l]);
-            any = any || w.active[l];
+            w.active[l] = w.active[l] && !converged(l);
+            running += static_cast<std::size_t>(w.active[l]);
         }
-        running = static_cast<std::size_t>(
-            std::count(w.active.begin(), w.active.begin() + static_cast<std::ptrdiff_t>(lanes), 1));
     }
     report.iterations += iteration;
     w.stale = iteration > settings_.refactorise_after;
     for (std::size_t l = 0; l < lanes; ++l)
-        if (!w.active[l])
-            report.relative_residual = std::max(report.relative_residual, w.norm[l] / w.scale[l]);
+        if (!w.active[l]) report.relative_residual = std::max(report.relative_residual, w.norm[l] / scale);
+}
+
+// Sufficient decrease, each lane with its own step (Nocedal & Wright, algorithm 3.1). Leaves accepted[l] = 1 where the
+// trial is to be taken.
+void EquilibriumSolver::line_search(const ExternalActions& actions, const Batch& batch) noexcept {
+    auto& w = *w_;
+    const auto& [theta, x, inertia, lanes, stride] = batch;
+    std::size_t open = 0;
+    bool shorten = false;
+    for (std::size_t l = 0; l < stride; ++l) {
+        w.accepted[l] = 0;
+        if (w.active[l] && !(w.slope[l] > 0.0)) {  // not a descent direction
+            w.step[l] = 0.0;
+            shorten = true;
+        }
+        open += w.step[l] > 0.0;
+    }
+    for (int backtrack = 0; open > 0; ++backtrack) {
+        if (shorten) w.history.retry(x, w.step.data(), w.trial.data());
+        system_.gradient(actions, inertia, theta, w.trial.data(), w.trial_gradient.data(), w.trial_energy.data(),
+                         stride, lanes);
+        w.history.norms(w.trial_gradient.data(), w.trial_norm.data());
+        shorten = true;
+        for (std::size_t l = 0; l < lanes; ++l) {
+            if (w.accepted[l] || w.step[l] == 0.0) continue;
+            const double noise = kEnergyNoise * (std::abs(w.energy[l]) + w.step[l] * w.slope[l]);
+            const bool decrease = w.trial_energy[l] <= w.energy[l] - kArmijo * w.step[l] * w.slope[l];
+            const bool at_noise = w.trial_energy[l] <= w.energy[l] + 100.0 * noise && w.trial_norm[l] < w.norm[l];
+            if (std::isfinite(w.trial_norm[l]) && (decrease || at_noise))
+                w.accepted[l] = 1;
+            else
+                w.step[l] = backtrack == kMaxBacktracks ? 0.0 : w.step[l] * (backtrack < 2 ? 0.5 : 0.25);
+        }
+        open = 0;
+        for (std::size_t l = 0; l < lanes; ++l) open += w.step[l] > 0.0 && !w.accepted[l];
+    }
 }
 
 bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& inertia, const double* theta,
@@ -380,8 +321,8 @@ bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& in
         damping->target = w.lane_damping_target.data();
         lane_inertia.damping_lane = lane;
     }
-    std::vector<double>& theta_pack = w.lane_theta;
-    std::vector<double>& theta_one = w.scratch;  // first entries only
+    std::vector<double>& theta_pack = w.lane_theta_pack;
+    std::vector<double>& theta_one = w.lane_theta;
     for (std::size_t p = 0; p < num_parameters; ++p) {
         theta_one[p] = theta[p * stride + lane];
         for (std::size_t l = 0; l < kPackLanes; ++l) theta_pack[p * kPackLanes + l] = theta_one[p];
@@ -424,10 +365,9 @@ bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& in
                 for (std::size_t a = 0; a < 3; ++a)
                     rhs(3 * row + static_cast<Eigen::Index>(a), 0) =
                         w.lane_gradient[(3 * i + a) * kPackLanes];
-        double slope = rhs.col(0).squaredNorm();
-        const Eigen::VectorXd g = rhs.col(0);
+        w.residual = rhs.col(0);
         w.own->solve(rhs);
-        slope = g.dot(rhs.col(0));
+        const double slope = w.residual.dot(rhs.col(0));
         double step = 1.0;
         bool accepted = false;
         for (int backtrack = 0; backtrack <= kMaxBacktracks && !accepted; ++backtrack, step *= 0.5) {

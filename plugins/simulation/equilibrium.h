@@ -1,10 +1,10 @@
 // Equilibria of a batch of lanes: minimises Pi of every lane at once, ends on a residual criterion.
 //
 // Quasi-Newton (L-BFGS) per lane with one shared Cholesky factorisation of the tangent as initial metric:
-//     p_l = -H_l g_l,   H_l from the lane's last m pairs (dx, dg), H_0 = K^-1 shared by all lanes and by
-//     successive calls
-// All lanes go through the mesh together; the triangular solves take all lanes as right-hand sides. When
-// iterations grow, K is factorised again; a lane that still does not converge is finished by plain Newton
+//     p_l = -H_l g_l,   H_l from the lane's last m pairs (lane_history.h), H_0 = K^-1 shared by all lanes and by
+//     successive calls (metric_solver.h), corrected for each lane's own parameters (group_correction.h)
+// All lanes go through the mesh and the factor together. The metric is in single precision, potential, residual and
+// positions in double. When iterations grow, K is factorised again; a lane that still does not converge is finished by plain Newton
 // with its own tangent. Nocedal & Wright, Numerical Optimization, algorithms 7.4 and 3.1; Liu, Bouaziz,
 // Kavan, ToG 36(3), 2017.
 #pragma once
@@ -61,13 +61,13 @@ class EquilibriumSolver {
         std::size_t lanes, stride;
     };
     void iterate(const ExternalActions&, const Batch&, EquilibriumReport&) noexcept;
+    void line_search(const ExternalActions&, const Batch&) noexcept;
     double force_scale(const ExternalActions&) const noexcept;
     bool factorise_tangent(EquilibriumReport&) noexcept;
     bool factorise_at(const ExternalActions&, const Inertia&, const double* theta, const double* x,
                       std::size_t lane, std::size_t stride, std::size_t lanes, EquilibriumReport&) noexcept;
     bool newton(const ExternalActions&, const Inertia&, const double* theta, double* x, std::size_t lane,
                 std::size_t stride, EquilibriumReport&) noexcept;
-    void apply_metric(std::size_t stride, std::size_t lanes) noexcept;
 };
 
 }  // namespace teres

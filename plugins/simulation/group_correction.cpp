@@ -2,44 +2,51 @@
 
 #include <cmath>
 
+#include "plugins/simulation/metric_kernels.h"
+
 namespace teres {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 GroupCorrection::GroupCorrection(const std::vector<Tether>& tethers, std::size_t num_parameters,
-                                 const BlockPattern& pattern, std::size_t max_lanes) {
+                                 const BlockPattern& pattern, const MetricSolver& metric, std::size_t max_lanes,
+                                 TaskTeam& team)
+    : team_(team), rows_(metric.num_rows()) {
+    std::vector<std::int32_t> row_of(rows_);
+    for (std::size_t r = 0; r < rows_; ++r) row_of[static_cast<std::size_t>(metric.free_row(r))] = static_cast<std::int32_t>(r);
     for (std::size_t p = 0; p < num_parameters; ++p) {
         Group group;
         group.parameter = p;
-        for (std::size_t t = 0; t < tethers.size(); ++t)
-            if (tethers[t].parameter == static_cast<std::int32_t>(p) &&
-                pattern.free_index(tethers[t].node) >= 0) {
-                group.tether.push_back(t);
-                group.row.push_back(3 * pattern.free_index(tethers[t].node));
-            }
+        for (std::size_t t = 0; t < tethers.size(); ++t) {
+            const auto free = pattern.free_index(tethers[t].node);
+            if (tethers[t].parameter != static_cast<std::int32_t>(p) || free < 0) continue;
+            group.tether.push_back(t);
+            for (std::size_t a = 0; a < 3; ++a) group.row.push_back(row_of[3 * static_cast<std::size_t>(free) + a]);
+        }
         if (group.tether.empty()) continue;
         group.first = modes_;
         group.count = group.tether.size() >= 4 ? 12 : 3;  // affine, or translations of a few nodes
         modes_ += group.count;
-        group.U.setZero(3 * static_cast<Eigen::Index>(group.tether.size()), group.count);
-        group.y.setZero(3 * static_cast<Eigen::Index>(group.tether.size()), group.count);
+        group.U.setZero(static_cast<Eigen::Index>(group.row.size()), group.count);
         groups_.push_back(std::move(group));
     }
-    W_.setZero(pattern.num_rows(), modes_);
+    const auto stride = MetricSolver::lane_stride(static_cast<std::size_t>(modes_));
+    W_.assign(metric.num_storage_rows() * stride, 0.0f);
+    C_.assign(stride * MetricSolver::lane_stride(max_lanes), 0.0f);
     UtW_.setZero(modes_, modes_);
     G_inverse_.setZero(modes_, modes_);
     theta0_.assign(num_parameters, 0.0);
-    lane_.assign(max_lanes, Eigen::PartialPivLU<Eigen::MatrixXd>(modes_));
-    D_.assign(max_lanes, Eigen::MatrixXd::Zero(modes_, modes_));
-    UtY_.setZero(modes_, static_cast<Eigen::Index>(max_lanes));
-    c_.setZero(modes_);
+    const Lane lane{Eigen::PartialPivLU<Eigen::MatrixXf>(modes_), Eigen::MatrixXf::Zero(modes_, modes_),
+                    Eigen::MatrixXf::Zero(modes_, modes_), Eigen::VectorXf::Zero(modes_), Eigen::VectorXf::Zero(modes_)};
+    lane_.assign(max_lanes, lane);
 }
 
 void GroupCorrection::renew(const std::vector<Tether>& tethers, const double* theta0, const Positions& x,
-                            Cholesky& K0) noexcept {
-    if (empty()) return;
-    W_.setZero();
+                            MetricSolver& metric) noexcept {
+    if (modes_ == 0) return;
+    const auto modes = static_cast<std::size_t>(modes_), stride = MetricSolver::lane_stride(modes);
+    std::fill(W_.begin(), W_.end(), 0.0f);
     for (std::size_t p = 0; p < theta0_.size(); ++p) theta0_[p] = theta0[p];
     for (auto& group : groups_) {
         Vector3d centre = Vector3d::Zero();
@@ -58,8 +65,11 @@ void GroupCorrection::renew(const std::vector<Tether>& tethers, const double* th
                 phi.middleCols<3>(m) = d(m / 3 - 1) * Matrix3d::Identity();
             const Matrix3d B = tether_stiffness(tethers[t], x.col(tethers[t].node));
             const Eigen::MatrixXd u = B * phi;
-            group.U.middleRows<3>(3 * static_cast<Eigen::Index>(k)) = u;
-            W_.block(group.row[k], group.first, 3, group.count) += u;
+            group.U.middleRows<3>(3 * static_cast<Eigen::Index>(k)) = u.cast<float>();
+            for (Eigen::Index a = 0; a < 3; ++a)
+                for (Eigen::Index m = 0; m < group.count; ++m)
+                    W_[static_cast<std::size_t>(group.row[3 * k + static_cast<std::size_t>(a)]) * stride +
+                       static_cast<std::size_t>(group.first + m)] += static_cast<float>(u(a, m));
             G.noalias() += phi.transpose() * u;
         }
         // A patch that is flat or slack leaves some modes without stiffness: keep the others.
@@ -68,43 +78,62 @@ void GroupCorrection::renew(const std::vector<Tether>& tethers, const double* th
         const Eigen::VectorXd inverse =
             eigen.eigenvalues().unaryExpr([cut](double v) { return v > cut ? 1.0 / v : 0.0; });
         G_inverse_.block(group.first, group.first, group.count, group.count) =
-            eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose();
+            (eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose()).cast<float>();
     }
-    K0.solve(W_);  // W holds U
-    for (const auto& group : groups_) {
-        auto block = UtW_.middleRows(group.first, group.count);
-        block.setZero();
-        for (std::size_t k = 0; k < group.row.size(); ++k)
-            block.noalias() += group.U.middleRows<3>(3 * static_cast<Eigen::Index>(k)).transpose() *
-                               W_.middleRows<3>(group.row[k]);
-    }
+    metric.solve(W_.data(), modes);  // W held U
+    UtW_.setZero();
+    for (const auto& group : groups_)
+        for (std::size_t i = 0; i < group.row.size(); ++i)
+            UtW_.middleRows(group.first, group.count).noalias() +=
+                group.U.row(static_cast<Eigen::Index>(i)).transpose() *
+                Eigen::Map<const Eigen::RowVectorXf>(&W_[static_cast<std::size_t>(group.row[i]) * stride], modes_);
 }
 
 void GroupCorrection::set_lanes(const double* theta, std::size_t stride, std::size_t lanes) noexcept {
-    if (empty()) return;
-    for (std::size_t l = 0; l < lanes; ++l) {
-        auto& D = D_[l];
-        D.setZero();
-        for (const auto& group : groups_)
-            D.block(group.first, group.first, group.count, group.count) =
-                (theta[group.parameter * stride + l] - theta0_[group.parameter]) *
-                G_inverse_.block(group.first, group.first, group.count, group.count);
-        lane_[l].compute(Eigen::MatrixXd::Identity(modes_, modes_) + D * UtW_);
-    }
+    active_ = false;
+    for (const auto& group : groups_)
+        for (std::size_t l = 0; l < lanes; ++l)
+            active_ = active_ || theta[group.parameter * stride + l] != theta0_[group.parameter];
+    if (!active_) return;
+    team_.split(lanes, [&](int, std::size_t first, std::size_t last) {
+        for (std::size_t l = first; l < last; ++l) {
+            auto& lane = lane_[l];
+            lane.A.setIdentity();
+            for (const auto& group : groups_) {
+                const auto change = static_cast<float>(theta[group.parameter * stride + l] - theta0_[group.parameter]);
+                auto D = lane.D.block(group.first, group.first, group.count, group.count);
+                D = change * G_inverse_.block(group.first, group.first, group.count, group.count);
+                lane.A.middleRows(group.first, group.count).noalias() +=
+                    D.lazyProduct(UtW_.middleRows(group.first, group.count));
+            }
+            lane.lu.compute(lane.A);
+        }
+    });
 }
 
-void GroupCorrection::apply(Eigen::Ref<Eigen::MatrixXd> Y) noexcept {
-    if (empty()) return;
-    for (Eigen::Index l = 0; l < Y.cols(); ++l) {
-        for (auto& group : groups_) {
-            for (std::size_t k = 0; k < group.row.size(); ++k)
-                group.y.block<3, 1>(3 * static_cast<Eigen::Index>(k), 0) = Y.block<3, 1>(group.row[k], l);
-            c_.segment(group.first, group.count).noalias() = group.U.transpose() * group.y.col(0);
+void GroupCorrection::apply(float* y, std::size_t lanes) noexcept {
+    if (!active_) return;
+    const auto modes = static_cast<std::size_t>(modes_), stride = MetricSolver::lane_stride(lanes);
+    team_.split(lanes, [&](int, std::size_t first, std::size_t last) {
+        for (std::size_t l = first; l < last; ++l) {
+            auto& lane = lane_[l];
+            lane.c.setZero();
+            for (const auto& group : groups_) {
+                auto c = lane.c.segment(group.first, group.count);
+                for (std::size_t i = 0; i < group.row.size(); ++i)
+                    c += y[static_cast<std::size_t>(group.row[i]) * stride + l] * group.U.row(static_cast<Eigen::Index>(i)).transpose();
+                lane.Dc.segment(group.first, group.count).noalias() =
+                    lane.D.block(group.first, group.first, group.count, group.count).lazyProduct(c);
+            }
+            lane.c = lane.lu.permutationP() * lane.Dc;
+            lane.lu.matrixLU().triangularView<Eigen::UnitLower>().solveInPlace(lane.c);
+            lane.lu.matrixLU().triangularView<Eigen::Upper>().solveInPlace(lane.c);
+            for (std::size_t m = 0; m < modes; ++m) C_[m * stride + l] = lane.c(static_cast<Eigen::Index>(m));
         }
-        const auto i = static_cast<std::size_t>(l);
-        UtY_.col(l).noalias() = lane_[i].solve(D_[i] * c_);
-    }
-    Y.noalias() -= W_ * UtY_.leftCols(Y.cols());
+    });
+    team_.split(rows_, [&](int, std::size_t first, std::size_t last) {
+        subtract_product(W_.data(), C_.data(), y, first, last, modes, MetricSolver::lane_stride(modes), stride);
+    });
 }
 
 }  // namespace teres

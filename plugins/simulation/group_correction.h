@@ -16,7 +16,7 @@
 #include <Eigen/Dense>
 #include <vector>
 
-#include "plugins/simulation/cholesky.h"
+#include "plugins/simulation/metric_solver.h"
 #include "plugins/simulation/tether.h"
 
 namespace teres {
@@ -24,34 +24,39 @@ namespace teres {
 class GroupCorrection {
   public:
     /// [setup]
-    GroupCorrection(const std::vector<Tether>& tethers, std::size_t num_parameters,
-                    const BlockPattern& pattern, std::size_t max_lanes);
+    GroupCorrection(const std::vector<Tether>& tethers, std::size_t num_parameters, const BlockPattern& pattern,
+                    const MetricSolver& metric, std::size_t max_lanes, TaskTeam& team);
 
-    bool empty() const { return modes_ == 0; }
     /// [loop] After K0 was factorised at state x with parameters theta0 (one lane).
     void renew(const std::vector<Tether>& tethers, const double* theta0, const Positions& x,
-               Cholesky& K0) noexcept;
+               MetricSolver& metric) noexcept;
     /// [loop] Prepares the lanes of one solve; theta: parameter p of lane l at p * stride + l.
     void set_lanes(const double* theta, std::size_t stride, std::size_t lanes) noexcept;
-    /// [loop] Y (free rows x lanes) holds K0^-1 r and receives K~_l^-1 r.
-    void apply(Eigen::Ref<Eigen::MatrixXd> Y) noexcept;
+    /// [loop] y (rows and lanes of the metric) holds K0^-1 r and receives K~_l^-1 r.
+    void apply(float* y, std::size_t lanes) noexcept;
 
   private:
     struct Group {
         std::size_t parameter = 0;
         std::vector<std::size_t> tether;  // indices with free nodes
-        std::vector<Eigen::Index> row;    // first free row of each
+        std::vector<std::int32_t> row;    // three rows of the metric for each
         Eigen::Index first = 0, count = 0;
-        Eigen::MatrixXd U, y;  // rows of the tethers only
+        Eigen::MatrixXf U;  // rows of the tethers only
     };
+    TaskTeam& team_;
     std::vector<Group> groups_;
     Eigen::Index modes_ = 0;
-    Eigen::MatrixXd W_, UtW_, G_inverse_;  // G_inverse_: blocks on the diagonal
+    bool active_ = false;  // a lane's parameters differ from theta0
+    std::vector<float> W_, C_;
+    Eigen::MatrixXf UtW_, G_inverse_;  // G_inverse_: blocks on the diagonal
     std::vector<double> theta0_;
-    std::vector<Eigen::PartialPivLU<Eigen::MatrixXd>> lane_;  // of I + D_l U^T W
-    std::vector<Eigen::MatrixXd> D_;
-    Eigen::MatrixXd UtY_;
-    Eigen::VectorXd c_;
+    struct Lane {
+        Eigen::PartialPivLU<Eigen::MatrixXf> lu;  // of I + D_l U^T W
+        Eigen::MatrixXf D, A;
+        Eigen::VectorXf c, Dc;
+    };
+    std::vector<Lane> lane_;
+    std::size_t rows_ = 0;
 };
 
 }  // namespace teres

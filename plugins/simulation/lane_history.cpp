@@ -1,6 +1,7 @@
 #include "plugins/simulation/lane_history.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "plugins/simulation/body.h"
 #include "plugins/simulation/lane_history_kernels.h"
@@ -24,6 +25,7 @@ LaneHistory::LaneHistory(std::vector<std::int32_t> dof, std::size_t storage_rows
     valid_.assign(kPairs * lanes, 0);
     slope_.assign(lanes, 0.0);
     step_.assign(lanes, 0.0);
+    norms_.assign(lanes, 0.0);
 }
 
 void LaneHistory::start(std::size_t stride, std::size_t float_stride) noexcept {
@@ -48,6 +50,15 @@ void LaneHistory::collect(std::vector<double>& sums, std::size_t count) noexcept
             for (std::size_t t = 0; t < threads; ++t) sum += partial_[(t * kPairs + k) * float_stride_ + l];
             sums[k * stride_ + l] = sum;
         }
+}
+
+void LaneHistory::norms(const double* gradient, double* out) noexcept {
+    team_.split(dof_.size(), [&](int rank, std::size_t first, std::size_t last) {
+        square({dof_.data(), first, last, stride_, float_stride_}, gradient,
+               &partial_[static_cast<std::size_t>(rank) * kPairs * float_stride_]);
+    });
+    collect(norms_, 1);
+    for (std::size_t l = 0; l < stride_; ++l) out[l] = std::sqrt(norms_[l]);
 }
 
 void LaneHistory::begin(const double* gradient) noexcept {

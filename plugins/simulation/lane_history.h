@@ -39,8 +39,10 @@ class LaneHistory {
     void accept(const double* trial, const double* trial_gradient, const double* step, const char* keep, double* x,
                 double* gradient) noexcept;
 
+    /// [loop] out[l] = |g| of every lane.
+    void norms(const double* gradient, double* out) noexcept;
+
     float* direction() { return direction_.data(); }
-    const std::vector<std::int32_t>& dof() const { return dof_; }
 
   private:
     const float* s(std::size_t age) const { return s_[slot(age)].data(); }
@@ -59,6 +61,7 @@ class LaneHistory {
     std::vector<double> sy_;                // s_i.y_j by slots and lane, i older than or as old as j
     std::vector<char> valid_;               // by slot and lane
     std::vector<double> slope_, step_;      // of the last step
+    std::vector<double> norms_;
 };
 
 }  // namespace teres

@@ -40,9 +40,9 @@ inline void add_combination(const float* const* v, const float* c, std::size_t c
 template <class Body>
 inline void for_packs(std::size_t stride, const Body& body) {
     std::size_t l = 0;
-    for (; l + 16 <= stride; l += 16) body(l, Pack<float, 16>{});
-    for (; l + 8 <= stride; l += 8) body(l, Pack<float, 8>{});
-    for (; l + 4 <= stride; l += 4) body(l, Pack<float, 4>{});
+    for (; l + 16 <= stride; l += 16) body(l, LanePack<float, 16>{});
+    for (; l + 8 <= stride; l += 8) body(l, LanePack<float, 8>{});
+    for (; l + 4 <= stride; l += 4) body(l, LanePack<float, 4>{});
 }
 
 inline void offset(const float* const* v, std::size_t count, std::size_t lane, const float** out) {
@@ -82,7 +82,7 @@ void gather_and_project(const LaneRows& rows, const double* g, const float* cons
         for (std::size_t r = first; r < last; ++r) {
             const double* from = g + static_cast<std::size_t>(rows.dof[r]) * stride;
             for (std::size_t l = 0; l < stride; l += 4)
-                store_pack(q + r * floats + l, __builtin_convertvector((load_pack<Pack<double, 4>>(from + l)), Pack<float, 4>));
+                store_pack(q + r * floats + l, __builtin_convertvector((load_pack<LanePack<double, 4>>(from + l)), LanePack<float, 4>));
         }
         for_packs(floats, [&](std::size_t l, auto pack) {
             const float* at[kMaxPairs];
@@ -93,16 +93,29 @@ void gather_and_project(const LaneRows& rows, const double* g, const float* cons
 }
 
 TERES_MULTIVERSION
+void square(const LaneRows& rows, const double* g, double* sums) noexcept {
+    using D = LanePack<double, 4>;
+    for (std::size_t l = 0; l < rows.stride; l += 4) {
+        D sum{};
+        for (std::size_t r = rows.first; r < rows.last; ++r) {
+            const D v = load_pack<D>(g + static_cast<std::size_t>(rows.dof[r]) * rows.stride + l);
+            sum += v * v;
+        }
+        store_pack(sums + l, sum);
+    }
+}
+
+TERES_MULTIVERSION
 void take_step(const LaneRows& rows, const double* g, const double* x, const float* d, const double* step,
                double* trial, double* sums) noexcept {
-    using D = Pack<double, 4>;
+    using D = LanePack<double, 4>;
     const std::size_t stride = rows.stride;
     for (std::size_t l = 0; l < stride; l += 4) {
         const D length = load_pack<D>(step + l);
         D sum{};
         for (std::size_t r = rows.first; r < rows.last; ++r) {
             const std::size_t at = static_cast<std::size_t>(rows.dof[r]) * stride + l;
-            const D p = __builtin_convertvector((load_pack<Pack<float, 4>>(d + r * rows.float_stride + l)), D);
+            const D p = __builtin_convertvector((load_pack<LanePack<float, 4>>(d + r * rows.float_stride + l)), D);
             sum += load_pack<D>(g + at) * p;
             store_pack(trial + at, load_pack<D>(x + at) - length * p);
         }
@@ -113,8 +126,8 @@ void take_step(const LaneRows& rows, const double* g, const double* x, const flo
 TERES_MULTIVERSION
 void record_pair(const LaneRows& rows, const double* trial, const double* trial_g, const float* d, const double* step,
                  const char* keep, double* x, double* g, float* s, float* y) noexcept {
-    using D = Pack<double, 4>;
-    using F = Pack<float, 4>;
+    using D = LanePack<double, 4>;
+    using F = LanePack<float, 4>;
     const std::size_t stride = rows.stride;
     for (std::size_t l = 0; l < stride; l += 4) {
         D kept{};

@@ -20,6 +20,8 @@ void gather_and_project(const LaneRows& rows, const double* g, const float* cons
 void project(const LaneRows& rows, const float* const* v, std::size_t count, const float* q, double* sums) noexcept;
 /// q += sum_k c[k * float_stride + l] v_k
 void combine(const LaneRows& rows, const float* const* v, const float* c, std::size_t count, float* q) noexcept;
+/// sums[l] = g.g
+void square(const LaneRows& rows, const double* g, double* sums) noexcept;
 /// trial = x - step d; sums[l] = g.d
 void take_step(const LaneRows& rows, const double* g, const double* x, const float* d, const double* step,
                double* trial, double* sums) noexcept;

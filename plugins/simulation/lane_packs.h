@@ -12,7 +12,7 @@ struct PackOf {
     typedef T type __attribute__((vector_size(kLanes * sizeof(T)), aligned(alignof(T)), may_alias));
 };
 template <class T, std::size_t kLanes>
-using Pack = typename PackOf<T, kLanes>::type;
+using LanePack = typename PackOf<T, kLanes>::type;
 
 template <class P, class T>
 inline P load_pack(const T* from) {

@@ -77,9 +77,9 @@ inline void upper_all(const std::vector<Panel>& panels, const std::int32_t* rows
 
 template <class P>
 inline void subtract(const float* W, const float* c, float* y, std::size_t first, std::size_t last,
-                     std::size_t modes, std::size_t stride) {
+                     std::size_t modes, std::size_t W_stride, std::size_t stride) {
     for (std::size_t r = first; r < last; ++r) {
-        const float* w = W + r * modes;
+        const float* w = W + r * W_stride;
         P even = load_pack<P>(y + r * stride), odd{};
         std::size_t m = 0;
         for (; m + 1 < modes; m += 2) {
@@ -98,9 +98,9 @@ void solve_lower(const std::vector<Panel>& panels, const std::int32_t* rows, con
                  std::size_t stride, std::size_t first_lane, std::size_t lanes) noexcept {
     std::size_t l = first_lane;
     const std::size_t last = first_lane + lanes;
-    for (; l + 16 <= last; l += 16) lower_all<Pack<float, 16>>(panels, rows, values, y + l, stride);
-    for (; l + 8 <= last; l += 8) lower_all<Pack<float, 8>>(panels, rows, values, y + l, stride);
-    for (; l + 4 <= last; l += 4) lower_all<Pack<float, 4>>(panels, rows, values, y + l, stride);
+    for (; l + 16 <= last; l += 16) lower_all<LanePack<float, 16>>(panels, rows, values, y + l, stride);
+    for (; l + 8 <= last; l += 8) lower_all<LanePack<float, 8>>(panels, rows, values, y + l, stride);
+    for (; l + 4 <= last; l += 4) lower_all<LanePack<float, 4>>(panels, rows, values, y + l, stride);
 }
 
 TERES_MULTIVERSION
@@ -108,18 +108,18 @@ void solve_upper(const std::vector<Panel>& panels, const std::int32_t* rows, con
                  std::size_t stride, std::size_t first_lane, std::size_t lanes) noexcept {
     std::size_t l = first_lane;
     const std::size_t last = first_lane + lanes;
-    for (; l + 16 <= last; l += 16) upper_all<Pack<float, 16>>(panels, rows, values, y + l, stride);
-    for (; l + 8 <= last; l += 8) upper_all<Pack<float, 8>>(panels, rows, values, y + l, stride);
-    for (; l + 4 <= last; l += 4) upper_all<Pack<float, 4>>(panels, rows, values, y + l, stride);
+    for (; l + 16 <= last; l += 16) upper_all<LanePack<float, 16>>(panels, rows, values, y + l, stride);
+    for (; l + 8 <= last; l += 8) upper_all<LanePack<float, 8>>(panels, rows, values, y + l, stride);
+    for (; l + 4 <= last; l += 4) upper_all<LanePack<float, 4>>(panels, rows, values, y + l, stride);
 }
 
 TERES_MULTIVERSION
 void subtract_product(const float* W, const float* c, float* y, std::size_t first, std::size_t last,
-                      std::size_t modes, std::size_t stride) noexcept {
+                      std::size_t modes, std::size_t W_stride, std::size_t stride) noexcept {
     std::size_t l = 0;
-    for (; l + 16 <= stride; l += 16) subtract<Pack<float, 16>>(W, c + l, y + l, first, last, modes, stride);
-    for (; l + 8 <= stride; l += 8) subtract<Pack<float, 8>>(W, c + l, y + l, first, last, modes, stride);
-    for (; l + 4 <= stride; l += 4) subtract<Pack<float, 4>>(W, c + l, y + l, first, last, modes, stride);
+    for (; l + 16 <= stride; l += 16) subtract<LanePack<float, 16>>(W, c + l, y + l, first, last, modes, W_stride, stride);
+    for (; l + 8 <= stride; l += 8) subtract<LanePack<float, 8>>(W, c + l, y + l, first, last, modes, W_stride, stride);
+    for (; l + 4 <= stride; l += 4) subtract<LanePack<float, 4>>(W, c + l, y + l, first, last, modes, W_stride, stride);
 }
 
 }  // namespace teres

@@ -28,6 +28,7 @@ struct SimulationSettings {
     int refactorise_after = 8;
     bool plain_newton = false;
     int max_lanes = 40;
+    int threads = 2;
     bool trajectories = false;
     double max_step_s = 0.0025;
 
@@ -67,6 +68,8 @@ struct SimulationSettings {
         field("refactorise_after", refactorise_after, {1, 1000},
               "a step with more iterations has the tangent factorised anew before the next one");
         field("plain_newton", plain_newton, "every lane alone with full Newton: slow reference path");
+        field("threads", threads, {1, 64},
+              "threads that share a step; the same number gives the same bits");
         field("max_lanes", max_lanes, {1, 128}, "largest batch (sigma points) that workspaces are made for");
         field("trajectories", trajectories,
               "offer whole recordings under hypotheses too (teres.trajectory_model/1); memory of 0.1-0.5 GB");
@@ -94,6 +97,7 @@ struct SimulationSettings {
         m.integrator = integrator;
         m.spectral_radius = spectral_radius;
         m.max_lanes = max_lanes;
+        m.threads = threads;
         return m;
     }
 };

@@ -14,6 +14,8 @@ MechanicalSystem::MechanicalSystem(Parts parts) : parts_(std::move(parts)) {
     parts_.body.couple(neighbours);
     pattern_ = BlockPattern::make(neighbours, parts_.held);
     parts_.body.bind(pattern_);
+    work_ = std::make_unique<Work>(parts_.threads);
+    work_->shares = PointShares(parts_.body.points(), parts_.X, parts_.threads);
 }
 
 void MechanicalSystem::resolve(std::span<const double> region_force_n,
@@ -37,25 +39,39 @@ void MechanicalSystem::resolve(std::span<const double> region_force_n,
 void MechanicalSystem::gradient(const ExternalActions& actions, const Inertia& inertia, const double* theta,
                                 const double* x, double* gradient, double* energy, std::size_t stride,
                                 std::size_t lanes) const noexcept {
-    const std::size_t dofs = 3 * num_nodes();
-    std::fill(energy, energy + stride, 0.0);
-    for (std::size_t d = 0; d < dofs; ++d) {
-        const double f = actions.force_n(static_cast<Eigen::Index>(d));
-        const double c = inertia.coefficient * parts_.node_mass_kg(static_cast<Eigen::Index>(d / 3));
-        const double X = parts_.X.data()[d];
-        for (std::size_t l = 0; l < stride; ++l) {
-            const double u =
-                x[d * stride + l] - X;  // work of the load from rest: small numbers keep their digits
-            gradient[d * stride + l] = -f;
-            energy[l] -= f * u;
-            if (c != 0.0) {
+    auto& w = *work_;
+    const auto threads = static_cast<std::size_t>(w.team.threads());
+    if (w.energy.size() < threads * stride) {
+        w.energy.resize(threads * stride);
+        w.spare.resize(3 * w.shares.num_spare_rows() * stride);
+    }
+    w.team.split(num_nodes(), [&](int rank, std::size_t first, std::size_t last) {
+        double* share = &w.energy[static_cast<std::size_t>(rank) * stride];
+        std::fill_n(share, stride, 0.0);
+        for (std::size_t d = 3 * first; d < 3 * last; ++d) {
+            const double f = actions.force_n(static_cast<Eigen::Index>(d)), X = parts_.X.data()[d];
+            const double c = inertia.coefficient * parts_.node_mass_kg(static_cast<Eigen::Index>(d / 3));
+            for (std::size_t l = 0; l < stride; ++l) {
+                gradient[d * stride + l] = -f;
+                share[l] -= f * (x[d * stride + l] - X);  // work from rest: small numbers keep their digits
+            }
+            for (std::size_t l = 0; l < stride && c != 0.0; ++l) {
                 const double e = x[d * stride + l] - inertia.target[d * stride + l];
                 gradient[d * stride + l] += c * e;
-                energy[l] += 0.5 * c * e * e;
+                share[l] += 0.5 * c * e * e;
             }
         }
-    }
-    parts_.body.add_gradient(x, gradient, energy, stride);
+    });
+    w.team.run([&](int rank) {
+        std::fill(w.spare.begin() + static_cast<std::ptrdiff_t>(3 * w.shares.spare_begin(rank) * stride),
+                  w.spare.begin() + static_cast<std::ptrdiff_t>(3 * w.shares.spare_begin(rank + 1) * stride), 0.0);
+        parts_.body.add_gradient(w.shares, rank, x, gradient, w.spare.data(),
+                                 &w.energy[static_cast<std::size_t>(rank) * stride], stride);
+    });
+    w.shares.add_spares(w.spare.data(), gradient, stride);
+    std::copy_n(w.energy.begin(), stride, energy);
+    for (std::size_t t = 1; t < threads; ++t)
+        for (std::size_t l = 0; l < stride; ++l) energy[l] += w.energy[t * stride + l];
     add_tether_gradient(parts_.tethers, theta, x, gradient, energy, stride, lanes);
     if (parts_.term != nullptr) parts_.term->add_gradient(x, gradient, energy, stride, lanes);
     for (std::size_t k = 0; k < parts_.tools.size(); ++k) {

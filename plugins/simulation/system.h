@@ -17,6 +17,7 @@
 #include "plugins/simulation/block_pattern.h"
 #include "plugins/simulation/body.h"
 #include "plugins/simulation/potential_term.h"
+#include "plugins/simulation/task_team.h"
 #include "plugins/simulation/tether.h"
 
 namespace teres {
@@ -67,6 +68,7 @@ class MechanicalSystem {
         Eigen::Vector3d gravity_m_s2 = Eigen::Vector3d::Zero();
         std::size_t num_parameters = 0;
         const PotentialTerm* term = nullptr;  ///< of effects; not owned
+        int threads = 1;                      ///< that share a step
     };
     explicit MechanicalSystem(Parts parts);
     MechanicalSystem(const MechanicalSystem&) = delete;
@@ -76,6 +78,7 @@ class MechanicalSystem {
     Parts& parts() { return parts_; }
     const BlockPattern& pattern() const { return pattern_; }
     std::size_t num_nodes() const { return static_cast<std::size_t>(parts_.X.cols()); }
+    TaskTeam& team() const { return work_->team; }
 
     /// [loop] Resolves region forces (3 per load patch) and tool positions (3 per tool).
     void resolve(std::span<const double> region_force_n, std::span<const double> tool_position_m,
@@ -92,8 +95,17 @@ class MechanicalSystem {
     void add_damping(const Inertia& inertia, const double* x, double* gradient, double* energy,
                      std::size_t stride, std::size_t lanes) const noexcept;
 
+    /// Workspaces of gradient(): one call at a time.
+    struct Work {
+        explicit Work(int threads) : team(threads) {}
+        TaskTeam team;
+        PointShares shares;
+        std::vector<double> spare, energy;  ///< of each thread; grow with the widest batch
+    };
+
     Parts parts_;
     BlockPattern pattern_;
+    std::unique_ptr<Work> work_;
 };
 
 }  // namespace teres

@@ -34,9 +34,10 @@ struct Setup {
     std::unique_ptr<CaseModel> model;
     MatrixXd theta, X;
 
-    Setup(int tetrahedra, BodyLaw law, int lanes) {
+    Setup(int tetrahedra, BodyLaw law, int lanes, int threads = 1) {
         CaseModelSettings settings;
         settings.max_lanes = lanes;
+        settings.threads = threads;
         model = *CaseModel::make(block_on_ligament(tetrahedra, law), settings);
         const auto p = static_cast<Eigen::Index>(model->num_parameters());
         theta.resize(p, lanes);
@@ -59,7 +60,7 @@ struct Setup {
 
 // One quasi-static step: the load grows by a tenth, as between frames of a slow pull.
 void BM_Step(benchmark::State& state, BodyLaw law) {
-    Setup setup(static_cast<int>(state.range(0)), law, static_cast<int>(state.range(1)));
+    Setup setup(static_cast<int>(state.range(0)), law, static_cast<int>(state.range(1)), static_cast<int>(state.range(2)));
     const MatrixXd start = setup.X;
     ForwardReport report;
     for (auto _ : state) {
@@ -76,15 +77,14 @@ void BM_Step(benchmark::State& state, BodyLaw law) {
     state.counters["peak_MB"] = static_cast<double>(usage.ru_maxrss) / 1024.0;
 }
 BENCHMARK_CAPTURE(BM_Step, stvk, BodyLaw::kStVK)
-    ->ArgNames({"tets", "lanes"})
-    ->Args({1000, 1})
-    ->Args({7500, 1})
-    ->Args({7500, 9})
+    ->ArgNames({"tets", "lanes", "threads"})
+    ->ArgsProduct({{7500}, {1, 9}, {1, 2}})
+    ->UseRealTime()
     ->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(BM_Step, ogden, BodyLaw::kOgden)
-    ->ArgNames({"tets", "lanes"})
-    ->Args({7500, 1})
-    ->Args({7500, 9})
+    ->ArgNames({"tets", "lanes", "threads"})
+    ->ArgsProduct({{7500}, {1, 9}, {1, 2}})
+    ->UseRealTime()
     ->Unit(benchmark::kMillisecond);
 
 void BM_Tangent(benchmark::State& state) {

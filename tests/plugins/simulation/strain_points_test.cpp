@@ -62,7 +62,8 @@ TEST_P(EveryElement, PassesThePatchTest) {
                 for (std::size_t l = 0; l < kPackLanes; ++l)
                     x[(3 * i + a) * kPackLanes + l] =
                         (F * X.col(static_cast<Eigen::Index>(i)))(static_cast<Eigen::Index>(a));
-        body.add_gradient(x.data(), gradient.data(), energy.data(), kPackLanes);
+        body.add_gradient(PointShares(body.points(), X, 1), 0, x.data(), gradient.data(), nullptr, energy.data(),
+                          kPackLanes);
         double psi = 0.0;
         Matrix3d P;
         ASSERT_TRUE(material.stress(F, {1, 1}, psi, P));
