@@ -8,10 +8,14 @@
 #include <map>
 
 #include "teres/boundary_estimate_t.hpp"
+#include "teres/camera_info_t.hpp"
+#include "teres/device_health_t.hpp"
 #include "teres/health_t.hpp"
+#include "teres/image_t.hpp"
 #include "teres/innovation_t.hpp"
 #include "teres/liver_state_t.hpp"
 #include "teres/markers_t.hpp"
+#include "teres/pedal_t.hpp"
 #include "teres/tool_loads_t.hpp"
 
 namespace teres::tools {
@@ -111,6 +115,48 @@ void put(json& to, const health_t& m) {
     to["dropped"] = dropped;
 }
 
+void put(json& to, const image_t& m) {
+    put(to, m.header);
+    to["serial"] = m.serial;
+    to["fourcc"] = m.fourcc;
+    to["width_px"] = m.width_px;
+    to["height_px"] = m.height_px;
+    to["num_bytes"] = m.num_bytes;
+}
+
+void put(json& to, const camera_info_t& m) {
+    put(to, m.header);
+    to["serial"] = m.serial;
+    to["width_px"] = m.width_px;
+    to["height_px"] = m.height_px;
+    to["fx_px"] = m.fx_px;
+    to["fy_px"] = m.fy_px;
+    to["cx_px"] = m.cx_px;
+    to["cy_px"] = m.cy_px;
+    to["depth_unit_m"] = m.depth_unit_m;
+    to["baseline_m"] = m.baseline_m;
+}
+
+void put(json& to, const device_health_t& m) {
+    put(to, m.header);
+    to["device"] = m.device;
+    to["state"] = m.state;
+    to["serial"] = m.serial;
+    to["detail"] = m.detail;
+    to["age_s"] = m.age_s;
+    to["rate_hz"] = m.rate_hz;
+    to["lost"] = m.lost;
+    to["damaged"] = m.damaged;
+    to["recoveries"] = m.recoveries;
+}
+
+void put(json& to, const pedal_t& m) {
+    put(to, m.header);
+    to["pedal"] = m.pedal;
+    to["down"] = m.down != 0;
+    to["action"] = m.action;
+}
+
 struct Type {
     std::string name;
     std::function<json(const void* data, int size)> decode;
@@ -144,7 +190,9 @@ std::string text_of(const json& value) {
 MessageFields message_fields(std::span<const std::uint8_t> data) {
     static const std::map<std::int64_t, Type> types = {known<boundary_estimate_t>(), known<health_t>(),
                                                        known<innovation_t>(),        known<liver_state_t>(),
-                                                       known<markers_t>(),           known<tool_loads_t>()};
+                                                       known<markers_t>(),           known<tool_loads_t>(),
+                                                       known<image_t>(),             known<camera_info_t>(),
+                                                       known<device_health_t>(),     known<pedal_t>()};
     MessageFields fields;
     if (data.size() < 8) return fields;
     std::uint64_t hash = 0;

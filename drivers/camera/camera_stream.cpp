@@ -258,6 +258,7 @@ void CameraStream::recover(RecoveryStep step, std::int64_t now_us) {
         return;
     }
     if (!node) return failed(node.error(), now_us);
+    if (fault_.empty()) fault_ = "no frames come";
     Status done;
     switch (step) {
         case RecoveryStep::kRestartStream:
@@ -272,8 +273,8 @@ void CameraStream::recover(RecoveryStep step, std::int64_t now_us) {
             watch_.gone();  // until it is back
             break;
         case RecoveryStep::kAdvisePowerCycle:
-            fault_ = "no frames in spite of restart and reset: unplug the camera and plug it in again, on another port if it "
-                     "persists";
+            advice_ = "; no frames in spite of restart and reset: unplug the camera and plug it in again, on another port "
+                      "if it persists";
             break;
         case RecoveryStep::kNone:
             break;
@@ -315,6 +316,7 @@ void CameraStream::frame_came(std::int64_t now_us) {
     }
     watch_.data(now_us);
     fault_.clear();
+    advice_.clear();
     ++received_;
     read_temperature(now_us);
     const std::lock_guard lock(mutex_);
@@ -344,7 +346,7 @@ void CameraStream::share() {
     shared_.state = watch_.state();
     shared_.serial = watch_.state() == DeviceState::kAbsent ? settings_.device : node_.serial;
     shared_.node = watch_.state() == DeviceState::kAbsent ? "" : node_.node.string();
-    shared_.detail = !fault_.empty() ? fault_ : watch_.state() == DeviceState::kAbsent ? "" : warning_;
+    shared_.detail = !fault_.empty() || !advice_.empty() ? fault_ + advice_ : watch_.state() == DeviceState::kAbsent ? "" : warning_;
     shared_.last_us = newest_us_ < 0 ? 0 : newest_us_;
     shared_.received = received_;
     shared_.lost = lost_before_ + (device_ ? device_->lost() : 0) + overrun_;

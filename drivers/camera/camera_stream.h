@@ -79,8 +79,8 @@ class CameraStream {
     VideoNode node_;
     int control_fd_ = -1;  // node of the extension unit, if not the device's own
     Frame frame_;
-    std::string fault_;    // why there are no frames; empty while there are
-    std::string warning_;  // of the open device: a slow link, a control refused, no calibration
+    std::string fault_, advice_;  // why there are no frames, what to do; empty while there are
+    std::string warning_;         // of the open device: a slow link, a control refused, no calibration
     std::int64_t next_look_us_ = 0, next_temperature_us_ = 0;
     std::int64_t sequence_ = -1, newest_us_ = -1;
     std::int64_t received_ = 0, lost_before_ = 0, damaged_ = 0;

@@ -1,14 +1,12 @@
 // Unit `camera` (driver): up to four streams (colour, depth, left and right of a stereo pair), each with a capture
 // thread of its own; the loop only hands finished frames on.
-#include <array>
 #include <chrono>
-#include <condition_variable>
 #include <memory>
-#include <thread>
 
 #include "core/plugin_sdk.h"
 #include "drivers/camera/camera_stream.h"
 #include "drivers/device/device_report.h"
+#include "drivers/device/device_thread.h"
 #include "teres/image_t.hpp"
 
 namespace teres {
@@ -50,34 +48,6 @@ struct CameraSettings {
               "time between restart of the stream, re-opening, reset of the device");
         field("retry_after_s", retry_after_s, {0.1, 600.0}, "time to the first frame, and between later attempts");
     }
-};
-
-// The capture thread shares the stream with the unit: one that hangs in the kernel is left behind, not waited for.
-class CaptureThread {
-  public:
-    explicit CaptureThread(std::shared_ptr<CameraStream> stream) {
-        std::thread([state = state_, stream = std::move(stream)] {
-            while (!state->stop) stream->pass();
-            const std::lock_guard lock(state->mutex);
-            state->ended = true;
-            state->end.notify_all();
-        }).detach();
-    }
-    /// False if it does not end within the time.
-    bool stop(std::chrono::milliseconds wait) {
-        state_->stop = true;
-        std::unique_lock lock(state_->mutex);
-        return state_->end.wait_for(lock, wait, [&] { return state_->ended; });
-    }
-
-  private:
-    struct State {
-        std::atomic<bool> stop{false};
-        std::mutex mutex;
-        std::condition_variable end;
-        bool ended = false;
-    };
-    std::shared_ptr<State> state_ = std::make_shared<State>();
 };
 
 class CameraDriver final : public Unit {
@@ -132,7 +102,7 @@ class CameraDriver final : public Unit {
     struct Lane {
         std::string name, channel, info_channel;
         std::shared_ptr<CameraStream> stream;
-        std::optional<CaptureThread> thread;
+        std::optional<DeviceThread> thread;
         DeviceReporter reporter;
         Frame frame;
         image_t image{};

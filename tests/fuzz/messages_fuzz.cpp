@@ -4,12 +4,16 @@
 #include <cstdlib>
 #include <cstring>
 #include <teres/boundary_estimate_t.hpp>
+#include <teres/camera_info_t.hpp>
 #include <teres/channel_health_t.hpp>
+#include <teres/device_health_t.hpp>
 #include <teres/header_t.hpp>
 #include <teres/health_t.hpp>
+#include <teres/image_t.hpp>
 #include <teres/innovation_t.hpp>
 #include <teres/liver_state_t.hpp>
 #include <teres/markers_t.hpp>
+#include <teres/pedal_t.hpp>
 #include <teres/tool_loads_t.hpp>
 #include <teres/unit_health_t.hpp>
 #include <vector>
@@ -43,7 +47,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const std::uint8_t type = data[0];
     ++data;
     --size;
-    switch (type % 9) {
+    switch (type % 13) {
         case 0:
             decode<teres::markers_t>(data, size);
             break;
@@ -67,6 +71,18 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
             break;
         case 7:
             decode<teres::unit_health_t>(data, size);
+            break;
+        case 8:
+            decode<teres::image_t>(data, size);
+            break;
+        case 9:
+            decode<teres::camera_info_t>(data, size);
+            break;
+        case 10:
+            decode<teres::device_health_t>(data, size);
+            break;
+        case 11:
+            decode<teres::pedal_t>(data, size);
             break;
         default:
             decode<teres::header_t>(data, size);
