@@ -176,7 +176,7 @@ TEST_F(CameraStreamTest, EveryFaultyCallIsSurvivedAndNothingLeaks) {
     const unsigned long calls[] = {VIDIOC_QUERYCAP, VIDIOC_ENUM_FMT, VIDIOC_S_FMT,   VIDIOC_S_PARM, VIDIOC_REQBUFS,
                                    VIDIOC_QUERYBUF, VIDIOC_QBUF,     VIDIOC_STREAMON, VIDIOC_DQBUF};
     for (const unsigned long call : calls) {
-        for (const int error : {EIO, EBUSY, EINVAL, ENODEV, ENOMEM, EPROTO, ETIMEDOUT}) {
+        for (const int error : {EIO, EBUSY, EINVAL, ENODEV}) {
             FakeCamera camera;
             CameraStream stream(camera, camera.roots(), {kSerial, {V4L2_PIX_FMT_Z16, 640, 480, 30.0}, {}, {}, {}});
             const auto run_for = [&](double s) {
@@ -191,9 +191,9 @@ TEST_F(CameraStreamTest, EveryFaultyCallIsSurvivedAndNothingLeaks) {
             run_for(0.5);
             camera.always[call] = error;
             camera.errors[VIDIOC_DQBUF] = {EIO};  // so that everything is opened anew
-            run_for(6.0);
+            run_for(4.5);
             camera.always.clear();
-            EXPECT_GT(run_for(5.0), 20) << call << " " << std::strerror(error) << ": " << stream.report().detail;
+            EXPECT_GT(run_for(4.0), 20) << call << " " << std::strerror(error) << ": " << stream.report().detail;
             EXPECT_EQ(camera.open_nodes, 1) << call;
             EXPECT_LE(camera.mappings, 4) << call;
         }
