@@ -43,6 +43,7 @@ inline constexpr const char* kDefaultBusUrl = "udpm://239.255.76.67:7667?ttl=0&r
 /// Messages that record and spy let wait in liblcm.
 inline constexpr int kDeepQueue = 1000;
 
+void add_atlas_command(CLI::App& app, int& exit_code);
 void add_doctor_command(CLI::App& app, int& exit_code);
 void add_record_command(CLI::App& app, int& exit_code);
 void add_replay_command(CLI::App& app, int& exit_code);
