@@ -22,13 +22,13 @@ function(teres_add_plugin name)
   install(TARGETS teres_${name}_plugin LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}/teres/plugins)
 endfunction()
 
-# teres_add_test(<path/noun> LINK target... [SOURCES more.cpp] [LABELS l...] [TIMEOUT s]): tests/<path/noun>_test.cpp
+# teres_add_test(<path/noun> LINK target... [SOURCES more.cpp] [LABELS l...] [TIMEOUT s] [WRAPPER program]): tests/<path/noun>_test.cpp
 function(teres_add_test path)
-  cmake_parse_arguments(ARG "" "TIMEOUT" "SOURCES;LINK;LABELS" ${ARGN})
+  cmake_parse_arguments(ARG "" "TIMEOUT" "SOURCES;LINK;LABELS;WRAPPER" ${ARGN})
   string(REPLACE "/" "_" target ${path}_test)
   add_executable(${target} ${PROJECT_SOURCE_DIR}/tests/${path}_test.cpp ${ARG_SOURCES})
   target_link_libraries(${target} PRIVATE ${ARG_LINK} teres::test_support teres::options GTest::gmock GTest::gtest_main)
-  add_test(NAME ${path} COMMAND ${target} --gtest_color=no)
+  add_test(NAME ${path} COMMAND ${ARG_WRAPPER} $<TARGET_FILE:${target}> --gtest_color=no)
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 300)
   endif()
