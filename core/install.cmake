@@ -11,4 +11,4 @@ install(FILES core/plugin.h core/plugin_sdk.h core/result.h DESTINATION ${CMAKE_
 install(DIRECTORY core/extensions DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/teres/core COMPONENT sdk FILES_MATCHING PATTERN "*.h")
 
 # Settings and the bundled recording, found by `teres run` beside the program.
-install(DIRECTORY config/ DESTINATION ${CMAKE_INSTALL_DATADIR}/teres/config)
+install(DIRECTORY config/ DESTINATION ${CMAKE_INSTALL_DATADIR}/teres/config PATTERN appliance EXCLUDE)
