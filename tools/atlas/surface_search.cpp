@@ -1,3 +1,4 @@
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <limits>
 #include <nanoflann.hpp>
@@ -104,6 +105,44 @@ ClosestPoint ClosestPointSearch::closest(const Vector3d& query) const {
         for (const auto& [f, d] : more) look_at(f);
     }
     return best;
+}
+
+namespace {
+
+// Does segment pq cross the inside of triangle abc? Signs of tetrahedra; touching does not count.
+bool crosses(const Vector3d& p, const Vector3d& q, const Vector3d& a, const Vector3d& b, const Vector3d& c) {
+    const auto side = [](const Vector3d& u, const Vector3d& v, const Vector3d& w, const Vector3d& x) {
+        return (v - u).cross(w - u).dot(x - u);
+    };
+    if (side(a, b, c, p) * side(a, b, c, q) >= 0.0) return false;
+    const double s = side(p, q, a, b), t = side(p, q, b, c), u = side(p, q, c, a);
+    return (s > 0.0 && t > 0.0 && u > 0.0) || (s < 0.0 && t < 0.0 && u < 0.0);
+}
+
+}  // namespace
+
+std::optional<std::pair<std::size_t, std::size_t>> ClosestPointSearch::self_intersection() const {
+    const TriangleSurface& s = surface_;
+    for (std::size_t f = 0; f < s.F.size(); ++f) {
+        const Vector3d c = centre_.col(static_cast<Eigen::Index>(f));
+        double radius = 0.0;
+        for (int k = 0; k < 3; ++k) radius = std::max(radius, (s.corner(f, k) - c).norm());
+        const double reach = radius + largest_radius_;
+        std::vector<std::pair<std::size_t, double>> near;
+        near_.tree_->index->radiusSearch(c.data(), reach * reach, near,
+                                         nanoflann::SearchParams(32, 0.0F, false));
+        for (const auto& [g, squared] : near) {
+            const bool touch = std::any_of(s.F[f].begin(), s.F[f].end(), [&, g = g](auto v) {
+                return std::find(s.F[g].begin(), s.F[g].end(), v) != s.F[g].end();
+            });
+            if (g == f || touch) continue;
+            for (int k = 0; k < 3; ++k)
+                if (crosses(s.corner(f, k), s.corner(f, (k + 1) % 3), s.corner(g, 0), s.corner(g, 1),
+                            s.corner(g, 2)))
+                    return std::pair{f, g};
+        }
+    }
+    return std::nullopt;
 }
 
 double segment_distance(const Vector3d& p, const Vector3d& a, const Vector3d& b) {

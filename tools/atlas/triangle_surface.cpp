@@ -138,6 +138,35 @@ Status check_closed(TriangleSurface& s, const std::string& name, double unit_m) 
     return {};
 }
 
+std::size_t fill_small_holes(TriangleSurface& s, std::size_t max_edges) {
+    std::map<std::pair<std::int32_t, std::int32_t>, int> uses;  // directed edges
+    for (const auto& f : s.F)
+        for (std::size_t k = 0; k < 3; ++k) ++uses[{f[k], f[(k + 1) % 3]}];
+    std::map<std::int32_t, std::int32_t> next;  // along the border, against the triangles' direction
+    for (const auto& [edge, count] : uses)
+        if (!uses.contains({edge.second, edge.first})) next[edge.second] = edge.first;
+    std::size_t filled = 0;
+    while (!next.empty()) {
+        std::vector<std::int32_t> loop{next.begin()->first};
+        for (auto at = next.find(loop[0]); at != next.end(); at = next.find(loop.back())) {
+            const std::int32_t to = at->second;
+            next.erase(at);
+            if (to == loop[0]) break;
+            loop.push_back(to);
+        }
+        if (loop.size() < 3 || loop.size() > max_edges) continue;
+        Vector3d middle = Vector3d::Zero();
+        for (const auto v : loop) middle += s.V.col(v) / static_cast<double>(loop.size());
+        const auto centre = static_cast<std::int32_t>(s.num_vertices());
+        s.V.conservativeResize(3, centre + 1);
+        s.V.col(centre) = middle;
+        for (std::size_t k = 0; k < loop.size(); ++k)
+            s.F.push_back({loop[k], loop[(k + 1) % loop.size()], centre});
+        ++filled;
+    }
+    return filled;
+}
+
 Status write_obj(const TriangleSurface& s, const std::filesystem::path& file, const std::string& comment,
                  double unit_m) {
     std::string text = "# " + comment + "\n";

@@ -9,8 +9,10 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "core/result.h"
@@ -82,6 +84,8 @@ class ClosestPointSearch {
   public:
     explicit ClosestPointSearch(const TriangleSurface& surface);
     ClosestPoint closest(const Eigen::Vector3d& query) const;
+    /// Two triangles without a common vertex that cut each other.
+    std::optional<std::pair<std::size_t, std::size_t>> self_intersection() const;
 
   private:
     const TriangleSurface& surface_;
@@ -92,6 +96,10 @@ class ClosestPointSearch {
 
 /// The surface with about `num_vertices` vertices: shortest edges are collapsed first.
 TriangleSurface simplified(const TriangleSurface& surface, Eigen::Index num_vertices);
+
+/// Closes border loops of at most `max_edges` edges by a fan around their middle; returns how many were
+/// closed.
+std::size_t fill_small_holes(TriangleSurface& surface, std::size_t max_edges);
 
 /// Distance from a point to a segment.
 double segment_distance(const Eigen::Vector3d& p, const Eigen::Vector3d& a, const Eigen::Vector3d& b);
