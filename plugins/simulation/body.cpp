@@ -36,8 +36,10 @@ void Body::add_gradient(const PointShares& shares, int rank, const double* x, do
     const auto r = static_cast<std::size_t>(rank);
     for (std::size_t s = 0; s < points_.size(); ++s) {
         const auto& share = shares.points(s);
-        add_gradient_of_points(points_[s], {share.point.data() + share.first[r], share.first[r + 1] - share.first[r], share.row.data()},
-                               material_, x, gradient, spare, energy, stride);
+        add_gradient_of_points(
+            points_[s],
+            {share.point.data() + share.first[r], share.first[r + 1] - share.first[r], share.row.data()},
+            material_, x, gradient, spare, energy, stride);
     }
 }
 

@@ -41,8 +41,9 @@ class Body {
     /// [setup] Fixes where each point's blocks go.
     void bind(const BlockPattern& pattern);
 
-    /// [loop] One thread's share of energy and gradient dPsi/dx of every lane, added to `energy` (one per lane), `gradient`
-    /// and `spare` (point_shares.h). A lane whose F is outside the law's domain gets infinite energy.
+    /// [loop] One thread's share of energy and gradient dPsi/dx of every lane, added to `energy` (one per
+    /// lane), `gradient` and `spare` (point_shares.h). A lane whose F is outside the law's domain gets
+    /// infinite energy.
     void add_gradient(const PointShares& shares, int rank, const double* x, double* gradient, double* spare,
                       double* energy, std::size_t stride) const noexcept;
     /// [loop] Adds the tangent of one state (x: num_nodes columns) to `values`. False outside the law's

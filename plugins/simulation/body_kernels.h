@@ -9,7 +9,8 @@
 
 namespace teres {
 
-/// Points [0, count) of a set, by number, and the row each of their node entries is added to (point_shares.h).
+/// Points [0, count) of a set, by number, and the row each of their node entries is added to
+/// (point_shares.h).
 struct PointRows {
     const std::int32_t* point;
     std::size_t count;

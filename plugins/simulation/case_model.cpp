@@ -57,12 +57,8 @@ Result<std::unique_ptr<CaseModel>> CaseModel::make(const Case& c, const CaseMode
 
     std::vector<StrainPoints> points = make_strain_points(m->mesh_, settings.element, settings.shear_blend);
     if (settings.separate_parts) points = separate_parts(std::move(points));
-    MechanicalSystem::Parts parts{
-        m->mesh_.X, Body(std::move(points), material),
-        {},         {},
-        {},         {},
-        {},         as_vector(c.gravity_m_s2),
-        0};
+    MechanicalSystem::Parts parts{m->mesh_.X, Body(std::move(points), material), {}, {}, {}, {},
+                                  {},         as_vector(c.gravity_m_s2),         0};
     QuadraticMesh quadratic;
     if (settings.element == ElementType::kQuadratic) {
         quadratic = make_quadratic(m->mesh_);
@@ -145,6 +141,7 @@ Result<std::unique_ptr<CaseModel>> CaseModel::make(const Case& c, const CaseMode
                                                        body.rayleigh_mass_1_s, body.rayleigh_stiffness_s},
                                       m->max_lanes_);
     const std::size_t stride = padded_lanes(m->max_lanes_);
+    m->motion_.assign(3 * m->num_nodes(), 0.0);
     m->x_.assign(m->num_state() * stride, 0.0);
     m->theta_.assign(std::max<std::size_t>(1, m->parameters_.size()) * stride, 0.0);
     return m;
@@ -197,6 +194,31 @@ void CaseModel::rest_state(std::span<double> x) const {
                         system_->parts().gravity_m_s2(static_cast<Eigen::Index>(a));
 }
 
+// Start values of a quasi-static step: bodies go on moving as they did, by the mean motion of the last step's
+// lanes.
+void CaseModel::predict(double time_s, std::size_t lanes, std::size_t stride) noexcept {
+    const double dt = time_s - motion_time_s_;
+    if (scheme_ != TimeScheme::kQuasiStatic || lanes != motion_lanes_ || !(motion_dt_s_ > 0.0) ||
+        !(dt > 0.0) || dt > 2.0 * motion_dt_s_)
+        return;
+    const double share = dt / motion_dt_s_;
+    for (std::size_t d = 0; d < motion_.size(); ++d)
+        for (std::size_t l = 0; l < stride; ++l) x_[d * stride + l] += share * motion_[d];
+}
+
+void CaseModel::remember(double time_s, std::span<const double> start, std::size_t lanes,
+                         std::size_t stride) noexcept {
+    if (scheme_ != TimeScheme::kQuasiStatic) return;
+    const std::size_t rows = motion_.size();
+    std::fill(motion_.begin(), motion_.end(), 0.0);
+    for (std::size_t l = 0; l < lanes; ++l)
+        for (std::size_t d = 0; d < rows; ++d)
+            motion_[d] += (x_[d * stride + l] - start[l * rows + d]) / static_cast<double>(lanes);
+    motion_dt_s_ = lanes == motion_lanes_ ? time_s - motion_time_s_ : 0.0;
+    motion_time_s_ = time_s;
+    motion_lanes_ = lanes;
+}
+
 ForwardReport CaseModel::advance(const ForwardInputs& inputs, std::span<const double> theta,
                                  std::span<double> X, std::size_t lanes) noexcept {
     const std::size_t rows = num_state(), stride = padded_lanes(lanes), parameters = parameters_.size();
@@ -208,7 +230,9 @@ ForwardReport CaseModel::advance(const ForwardInputs& inputs, std::span<const do
         for (std::size_t d = 0; d < rows; ++d) x_[d * stride + l] = X[from * rows + d];
         for (std::size_t p = 0; p < parameters; ++p) theta_[p * stride + l] = theta[from * parameters + p];
     }
+    predict(inputs.time_s, lanes, stride);
     const EquilibriumReport r = stepper_->step(actions_, inputs.dt_s, theta_.data(), x_.data(), lanes);
+    remember(inputs.time_s, X, lanes, stride);
     for (std::size_t l = 0; l < lanes; ++l)
         for (std::size_t d = 0; d < rows; ++d) X[l * rows + d] = x_[d * stride + l];
     return {static_cast<std::int32_t>(lanes), r.lanes_converged, r.iterations, r.factorisations,

@@ -60,6 +60,7 @@ class CaseModel final : public ForwardModel {
     const TetMesh& mesh() const { return mesh_; }
     const MechanicalSystem& system() const { return *system_; }
     MechanicalSystem& system() { return *system_; }
+    const EquilibriumSolver& solver() const { return *solver_; }
     TimeStepper& stepper() { return *stepper_; }
     const std::vector<SurfaceRider>& markers() const { return markers_; }
     const std::vector<Embedding>& points() const { return points_; }
@@ -73,6 +74,9 @@ class CaseModel final : public ForwardModel {
     };
     CaseModel() = default;
     void add_springs(const Case& c, MechanicalSystem::Parts& parts);
+    void predict(double time_s, std::size_t lanes, std::size_t stride) noexcept;
+    void remember(double time_s, std::span<const double> start, std::size_t lanes,
+                  std::size_t stride) noexcept;
 
     TetMesh mesh_;
     Ligament ligament_;
@@ -89,6 +93,9 @@ class CaseModel final : public ForwardModel {
     std::vector<Embedding> points_;
     ExternalActions actions_;
     std::vector<double> x_, theta_;  // batch layout
+    std::vector<double> motion_;     // mean of the lanes over the last step [m], and when that was
+    double motion_time_s_ = 0.0, motion_dt_s_ = 0.0;
+    std::size_t motion_lanes_ = 0;
 };
 
 }  // namespace teres

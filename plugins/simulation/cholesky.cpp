@@ -86,7 +86,12 @@ void Cholesky::solve(Eigen::Ref<Eigen::MatrixXd> B) noexcept {
 SupernodalFactor Cholesky::supernodes() const {
     const auto& L = *impl_->factor;
     const auto ints = [](const void* p) { return static_cast<const std::int32_t*>(p); };
-    return {static_cast<std::int32_t>(L.nsuper), ints(L.super), ints(L.pi), ints(L.px), ints(L.s), ints(L.Perm),
+    return {static_cast<std::int32_t>(L.nsuper),
+            ints(L.super),
+            ints(L.pi),
+            ints(L.px),
+            ints(L.s),
+            ints(L.Perm),
             impl_->ready ? static_cast<const double*>(L.x) : nullptr};
 }
 

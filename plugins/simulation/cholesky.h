@@ -11,8 +11,9 @@
 
 namespace teres {
 
-/// The factor as CHOLMOD keeps it: supernode s has columns column[s] .. column[s+1]; its rows are row[row_start[s]..]
-/// (its own columns first); values are column-major from value_start[s]. permutation[k]: row of K at position k.
+/// The factor as CHOLMOD keeps it: supernode s has columns column[s] .. column[s+1]; its rows are
+/// row[row_start[s]..] (its own columns first); values are column-major from value_start[s]. permutation[k]:
+/// row of K at position k.
 struct SupernodalFactor {
     std::int32_t num_supernodes = 0;
     const std::int32_t *column = nullptr, *row_start = nullptr, *value_start = nullptr, *row = nullptr,

@@ -1,13 +1,13 @@
 #include "plugins/simulation/equilibrium.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <limits>
 
 #include "core/check.h"
-#include "plugins/simulation/group_correction.h"
 #include "plugins/simulation/lane_history.h"
-#include "plugins/simulation/metric_solver.h"
+#include "plugins/simulation/shared_metric.h"
 
 namespace teres {
 
@@ -16,6 +16,19 @@ constexpr double kArmijo = 1e-4;  // sufficient decrease
 constexpr int kMaxBacktracks = 14;
 constexpr int kNarrowAfter = 10;  // iterations after which slow lanes are gathered into a narrower batch
 constexpr double kEnergyNoise = 1e-12;  // relative rounding of the potential
+
+// Adds the time of `work` to `total`.
+template <class Work>
+auto timed(double& total, const Work& work) {
+    struct Stopwatch {
+        double& total;
+        std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
+        ~Stopwatch() {
+            total += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+        }
+    } stopwatch{total};
+    return work();
+}
 }  // namespace
 
 namespace {
@@ -35,9 +48,9 @@ std::vector<std::int32_t> dofs_of_rows(const MechanicalSystem& system, const Met
 }  // namespace
 
 struct EquilibriumSolver::Workspace {
-    Cholesky shared;
-    MetricSolver metric;
-    GroupCorrection correction;  // the lanes' own parameters in the shared metric
+    std::unique_ptr<SharedMetric> metric;
+    std::unique_ptr<MetricRenewal> renewal;  // null: none in the background
+    int renewal_age = 0;                     // calls since it was begun
     LaneHistory history;
     std::vector<double> values;
     std::vector<double> gradient, trial, trial_gradient;
@@ -58,12 +71,13 @@ struct EquilibriumSolver::Workspace {
     std::size_t max_lanes;
     double force_floor = 0.0;
 
-    Workspace(const MechanicalSystem& system, std::size_t lanes)
-        : shared(system.pattern()),
-          metric(shared, system.team()),
-          correction(system.parts().tethers, system.parts().num_parameters, system.pattern(), metric, lanes,
-                     system.team()),
-          history(dofs_of_rows(system, metric), metric.num_storage_rows(), lanes, system.team()),
+    Workspace(const MechanicalSystem& system, const EquilibriumSettings& settings, std::size_t lanes)
+        : metric(std::make_unique<SharedMetric>(system, lanes)),
+          renewal(settings.renewal_steps > 0 && !settings.plain_newton
+                      ? std::make_unique<MetricRenewal>(system, lanes)
+                      : nullptr),
+          history(dofs_of_rows(system, metric->solver()), metric->solver().num_storage_rows(), lanes,
+                  system.team()),
           max_lanes(lanes) {
         const std::size_t stride = padded_lanes(max_lanes), dofs = 3 * system.num_nodes();
         const std::size_t parameters = std::max<std::size_t>(1, system.parts().num_parameters);
@@ -93,46 +107,61 @@ struct EquilibriumSolver::Workspace {
 
 EquilibriumSolver::EquilibriumSolver(const MechanicalSystem& system, EquilibriumSettings settings,
                                      std::size_t max_lanes)
-    : system_(system), settings_(settings), w_(std::make_unique<Workspace>(system, max_lanes)) {}
+    : system_(system), settings_(settings), w_(std::make_unique<Workspace>(system, settings, max_lanes)) {}
 
 EquilibriumSolver::~EquilibriumSolver() = default;
 
 void EquilibriumSolver::invalidate() {
-    w_ = std::make_unique<Workspace>(system_, w_->max_lanes);
+    w_ = std::make_unique<Workspace>(system_, settings_, w_->max_lanes);
 }
 
-bool EquilibriumSolver::factorise_tangent(EquilibriumReport& report) noexcept {
+// The lanes' common state, where the shared metric is made: mean position, geometric mean of the parameters.
+void EquilibriumSolver::mean_state(const Batch& batch) noexcept {
     auto& w = *w_;
-    ++report.factorisations;
-    if (w.shared.factorise(w.values)) return true;
-    // Indefinite (compressed StVK, slack supports): shift the diagonal until it is a usable metric.
-    double mean = 0.0;
-    const auto& start = system_.pattern().column_start();
-    const auto rows = static_cast<std::size_t>(system_.pattern().num_rows());
-    for (std::size_t j = 0; j < rows; ++j) mean += std::abs(w.values[static_cast<std::size_t>(start[j])]);
-    mean /= static_cast<double>(std::max<std::size_t>(1, rows));
-    for (double shift = 1e-6 * mean; shift < mean; shift *= 10.0) {
-        for (std::size_t j = 0; j < rows; ++j) w.values[static_cast<std::size_t>(start[j])] += shift;
-        ++report.factorisations;
-        if (w.shared.factorise(w.values)) return true;
+    const auto lanes = static_cast<double>(batch.lanes);
+    for (std::size_t d = 0; d < 3 * system_.num_nodes(); ++d) {
+        double sum = 0.0;
+        for (std::size_t l = 0; l < batch.lanes; ++l) sum += batch.x[d * batch.stride + l];
+        w.positions.data()[d] = sum / lanes;
     }
-    return false;
+    for (std::size_t p = 0; p < system_.parts().num_parameters; ++p) {
+        double sum = 0.0, log_sum = 0.0;
+        for (std::size_t l = 0; l < batch.lanes; ++l) {
+            const double value = batch.theta[p * batch.stride + l];
+            sum += value;
+            log_sum += std::log(value);
+        }
+        w.lane_theta[p] = std::isfinite(log_sum) ? std::exp(log_sum / lanes) : sum / lanes;
+    }
 }
 
-bool EquilibriumSolver::factorise_at(const ExternalActions& actions, const Inertia& inertia,
-                                     const double* theta, const double* x, std::size_t lane,
-                                     std::size_t stride, std::size_t lanes,
-                                     EquilibriumReport& report) noexcept {
+bool EquilibriumSolver::factorise(const ExternalActions& actions, const Batch& batch,
+                                  EquilibriumReport& report) noexcept {
     auto& w = *w_;
-    for (std::size_t d = 0; d < 3 * system_.num_nodes(); ++d) w.positions.data()[d] = x[d * stride + lane];
-    for (std::size_t p = 0; p < system_.parts().num_parameters; ++p)
-        w.lane_theta[p] = theta[p * stride + lane];
-    if (!system_.tangent(actions, inertia, lane, w.lane_theta.data(), w.positions, w.values)) return false;
-    if (!factorise_tangent(report)) return false;
-    w.metric.renew(w.shared);
-    w.correction.renew(system_.parts().tethers, w.lane_theta.data(), w.positions, w.metric);
-    w.correction.set_lanes(theta, stride, lanes);
-    return true;
+    const auto& [theta, x, inertia, lanes, stride] = batch;
+    return timed(times_.factorise, [&] {
+        mean_state(batch);
+        if (!w.metric->renew(actions, inertia, 0, w.lane_theta.data(), w.positions, system_.team(),
+                             report.factorisations))
+            return false;
+        w.history.start(stride, MetricSolver::lane_stride(lanes));
+        w.metric->correction().set_lanes(theta, stride, lanes, system_.team());
+        return true;
+    });
+}
+
+// Takes over a renewal that is old enough; begins one when iterations grow.
+void EquilibriumSolver::follow_renewal(const ExternalActions& actions, const Batch& batch,
+                                       EquilibriumReport& report) noexcept {
+    auto& w = *w_;
+    if (!w.renewal || batch.inertia.damping != nullptr) return;
+    if (w.renewal->running() && ++w.renewal_age >= settings_.renewal_steps) {
+        if (w.renewal->take(w.metric, report.factorisations)) w.history.start(0, 0);
+    } else if (!w.renewal->running() && report.iterations > settings_.renew_after) {
+        mean_state(batch);
+        w.renewal->begin(actions, batch.inertia.coefficient, w.lane_theta.data(), w.positions);
+        w.renewal_age = 0;
+    }
 }
 
 double EquilibriumSolver::force_scale(const ExternalActions& actions) const noexcept {
@@ -153,7 +182,7 @@ EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const
         std::size_t slow = 0;
         for (std::size_t l = 0; l < lanes; ++l)
             if (w.active[l]) w.slow[slow++] = l;
-        if (slow > 0 && padded_lanes(slow) < stride) {
+        if (slow > 0 && MetricSolver::lane_stride(slow) < MetricSolver::lane_stride(lanes)) {
             const std::size_t narrow = padded_lanes(slow);
             const auto from = [&](std::size_t l) { return w.slow[l < slow ? l : 0]; };
             for (std::size_t d = 0; d < dofs; ++d)
@@ -180,13 +209,15 @@ EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const
                 }
             }
         }
+        follow_renewal(actions, batch, report);
     } else {
         std::fill_n(w.active.begin(), lanes, 1);
     }
     for (std::size_t l = 0; l < lanes; ++l) {
         if (w.active[l]) {
             ++report.newton_lanes;
-            report.lanes_converged += newton(actions, inertia, theta, x, l, stride, report);
+            report.lanes_converged +=
+                timed(times_.newton, [&] { return newton(actions, inertia, theta, x, l, stride, report); });
         } else {
             ++report.lanes_converged;
         }
@@ -204,8 +235,10 @@ void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& bat
 
     // Held rows never move: trial positions and gradients of all rows start from x.
     std::copy_n(x, all, w.trial.data());
-    w.history.start(stride, MetricSolver::lane_stride(lanes));
-    system_.gradient(actions, inertia, theta, x, w.gradient.data(), w.energy.data(), stride, lanes);
+    w.history.resume(stride, MetricSolver::lane_stride(lanes));
+    timed(times_.gradient, [&] {
+        system_.gradient(actions, inertia, theta, x, w.gradient.data(), w.energy.data(), stride, lanes);
+    });
     w.history.norms(w.gradient.data(), w.norm.data());
     const double scale = force_scale(actions);
     const auto converged = [&](std::size_t l) { return w.norm[l] <= settings_.relative_residual * scale; };
@@ -215,33 +248,33 @@ void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& bat
         w.active[l] = l < lanes && !converged(l);
         running += static_cast<std::size_t>(w.active[l]);
     }
-    if (running > 0 && w.shared.factorised() && !w.stale) w.correction.set_lanes(theta, stride, lanes);
-    if (running > 0 && (!w.shared.factorised() || w.stale) &&
-        !factorise_at(actions, inertia, theta, x, 0, stride, lanes, report))
-        return;
+    if (running > 0 && w.metric->usable() && !w.stale)
+        timed(times_.correction,
+              [&] { w.metric->correction().set_lanes(theta, stride, lanes, system_.team()); });
+    if (running > 0 && (!w.metric->usable() || w.stale) && !factorise(actions, batch, report)) return;
 
     bool refactorised = report.factorisations > before;
     int iteration = 0;
     for (; running > 0 && iteration < settings_.max_iterations; ++iteration) {
-        if (iteration >= kNarrowAfter && padded_lanes(running) < stride)
+        if (iteration >= kNarrowAfter &&
+            MetricSolver::lane_stride(running) < MetricSolver::lane_stride(lanes))
             break;  // the rest goes on in a narrower batch
         if (iteration == 2 * settings_.refactorise_after && !refactorised) {
-            // The metric is stale: renew it at the slowest lane's present state.
-            std::size_t slowest = 0;
-            for (std::size_t l = 0; l < lanes; ++l)
-                if (w.active[l] && (!w.active[slowest] || w.norm[l] > w.norm[slowest])) slowest = l;
-            refactorised = factorise_at(actions, inertia, theta, x, slowest, stride, lanes, report);
-            w.history.start(stride, MetricSolver::lane_stride(lanes));
+            refactorised = factorise(actions, batch, report);  // the metric is stale
             if (!refactorised) break;
         }
-        w.history.begin(w.gradient.data());
-        w.metric.solve(w.history.direction(), lanes);
-        w.correction.apply(w.history.direction(), lanes);
+        timed(times_.history, [&] { w.history.begin(w.gradient.data()); });
+        timed(times_.metric, [&] { w.metric->solver().solve(w.history.direction(), lanes, system_.team()); });
+        timed(times_.correction,
+              [&] { w.metric->correction().apply(w.history.direction(), lanes, system_.team()); });
         for (std::size_t l = 0; l < stride; ++l) w.step[l] = w.active[l] ? 1.0 : 0.0;
-        w.history.finish(w.gradient.data(), x, w.step.data(), w.trial.data(), w.slope.data());
+        timed(times_.history,
+              [&] { w.history.finish(w.gradient.data(), x, w.step.data(), w.trial.data(), w.slope.data()); });
         line_search(actions, batch);
-        w.history.accept(w.trial.data(), w.trial_gradient.data(), w.step.data(), w.accepted.data(), x,
-                         w.gradient.data());
+        timed(times_.history, [&] {
+            w.history.accept(w.trial.data(), w.trial_gradient.data(), w.step.data(), w.accepted.data(), x,
+                             w.gradient.data());
+        });
         running = 0;
         for (std::size_t l = 0; l < lanes; ++l) {
             if (w.accepted[l]) {
@@ -260,8 +293,8 @@ void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& bat
         if (!w.active[l]) report.relative_residual = std::max(report.relative_residual, w.norm[l] / scale);
 }
 
-// Sufficient decrease, each lane with its own step (Nocedal & Wright, algorithm 3.1). Leaves accepted[l] = 1 where the
-// trial is to be taken.
+// Sufficient decrease, each lane with its own step (Nocedal & Wright, algorithm 3.1). Leaves accepted[l] = 1
+// where the trial is to be taken.
 void EquilibriumSolver::line_search(const ExternalActions& actions, const Batch& batch) noexcept {
     auto& w = *w_;
     const auto& [theta, x, inertia, lanes, stride] = batch;
@@ -277,15 +310,18 @@ void EquilibriumSolver::line_search(const ExternalActions& actions, const Batch&
     }
     for (int backtrack = 0; open > 0; ++backtrack) {
         if (shorten) w.history.retry(x, w.step.data(), w.trial.data());
-        system_.gradient(actions, inertia, theta, w.trial.data(), w.trial_gradient.data(), w.trial_energy.data(),
-                         stride, lanes);
+        timed(times_.gradient, [&] {
+            system_.gradient(actions, inertia, theta, w.trial.data(), w.trial_gradient.data(),
+                             w.trial_energy.data(), stride, lanes);
+        });
         w.history.norms(w.trial_gradient.data(), w.trial_norm.data());
         shorten = true;
         for (std::size_t l = 0; l < lanes; ++l) {
             if (w.accepted[l] || w.step[l] == 0.0) continue;
             const double noise = kEnergyNoise * (std::abs(w.energy[l]) + w.step[l] * w.slope[l]);
             const bool decrease = w.trial_energy[l] <= w.energy[l] - kArmijo * w.step[l] * w.slope[l];
-            const bool at_noise = w.trial_energy[l] <= w.energy[l] + 100.0 * noise && w.trial_norm[l] < w.norm[l];
+            const bool at_noise =
+                w.trial_energy[l] <= w.energy[l] + 100.0 * noise && w.trial_norm[l] < w.norm[l];
             if (std::isfinite(w.trial_norm[l]) && (decrease || at_noise))
                 w.accepted[l] = 1;
             else

@@ -10,11 +10,12 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 GroupCorrection::GroupCorrection(const std::vector<Tether>& tethers, std::size_t num_parameters,
-                                 const BlockPattern& pattern, const MetricSolver& metric, std::size_t max_lanes,
-                                 TaskTeam& team)
-    : team_(team), rows_(metric.num_rows()) {
+                                 const BlockPattern& pattern, const MetricSolver& metric,
+                                 std::size_t max_lanes)
+    : rows_(metric.num_rows()) {
     std::vector<std::int32_t> row_of(rows_);
-    for (std::size_t r = 0; r < rows_; ++r) row_of[static_cast<std::size_t>(metric.free_row(r))] = static_cast<std::int32_t>(r);
+    for (std::size_t r = 0; r < rows_; ++r)
+        row_of[static_cast<std::size_t>(metric.free_row(r))] = static_cast<std::int32_t>(r);
     for (std::size_t p = 0; p < num_parameters; ++p) {
         Group group;
         group.parameter = p;
@@ -22,7 +23,8 @@ GroupCorrection::GroupCorrection(const std::vector<Tether>& tethers, std::size_t
             const auto free = pattern.free_index(tethers[t].node);
             if (tethers[t].parameter != static_cast<std::int32_t>(p) || free < 0) continue;
             group.tether.push_back(t);
-            for (std::size_t a = 0; a < 3; ++a) group.row.push_back(row_of[3 * static_cast<std::size_t>(free) + a]);
+            for (std::size_t a = 0; a < 3; ++a)
+                group.row.push_back(row_of[3 * static_cast<std::size_t>(free) + a]);
         }
         if (group.tether.empty()) continue;
         group.first = modes_;
@@ -38,12 +40,13 @@ GroupCorrection::GroupCorrection(const std::vector<Tether>& tethers, std::size_t
     G_inverse_.setZero(modes_, modes_);
     theta0_.assign(num_parameters, 0.0);
     const Lane lane{Eigen::PartialPivLU<Eigen::MatrixXf>(modes_), Eigen::MatrixXf::Zero(modes_, modes_),
-                    Eigen::MatrixXf::Zero(modes_, modes_), Eigen::VectorXf::Zero(modes_), Eigen::VectorXf::Zero(modes_)};
+                    Eigen::MatrixXf::Zero(modes_, modes_), Eigen::VectorXf::Zero(modes_),
+                    Eigen::VectorXf::Zero(modes_)};
     lane_.assign(max_lanes, lane);
 }
 
 void GroupCorrection::renew(const std::vector<Tether>& tethers, const double* theta0, const Positions& x,
-                            MetricSolver& metric) noexcept {
+                            MetricSolver& metric, TaskTeam& team) noexcept {
     if (modes_ == 0) return;
     const auto modes = static_cast<std::size_t>(modes_), stride = MetricSolver::lane_stride(modes);
     std::fill(W_.begin(), W_.end(), 0.0f);
@@ -80,27 +83,30 @@ void GroupCorrection::renew(const std::vector<Tether>& tethers, const double* th
         G_inverse_.block(group.first, group.first, group.count, group.count) =
             (eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose()).cast<float>();
     }
-    metric.solve(W_.data(), modes);  // W held U
+    metric.solve(W_.data(), modes, team);  // W held U
     UtW_.setZero();
     for (const auto& group : groups_)
         for (std::size_t i = 0; i < group.row.size(); ++i)
             UtW_.middleRows(group.first, group.count).noalias() +=
                 group.U.row(static_cast<Eigen::Index>(i)).transpose() *
-                Eigen::Map<const Eigen::RowVectorXf>(&W_[static_cast<std::size_t>(group.row[i]) * stride], modes_);
+                Eigen::Map<const Eigen::RowVectorXf>(&W_[static_cast<std::size_t>(group.row[i]) * stride],
+                                                     modes_);
 }
 
-void GroupCorrection::set_lanes(const double* theta, std::size_t stride, std::size_t lanes) noexcept {
+void GroupCorrection::set_lanes(const double* theta, std::size_t stride, std::size_t lanes,
+                                TaskTeam& team) noexcept {
     active_ = false;
     for (const auto& group : groups_)
         for (std::size_t l = 0; l < lanes; ++l)
             active_ = active_ || theta[group.parameter * stride + l] != theta0_[group.parameter];
     if (!active_) return;
-    team_.split(lanes, [&](int, std::size_t first, std::size_t last) {
+    team.split(lanes, [&](int, std::size_t first, std::size_t last) {
         for (std::size_t l = first; l < last; ++l) {
             auto& lane = lane_[l];
             lane.A.setIdentity();
             for (const auto& group : groups_) {
-                const auto change = static_cast<float>(theta[group.parameter * stride + l] - theta0_[group.parameter]);
+                const auto change =
+                    static_cast<float>(theta[group.parameter * stride + l] - theta0_[group.parameter]);
                 auto D = lane.D.block(group.first, group.first, group.count, group.count);
                 D = change * G_inverse_.block(group.first, group.first, group.count, group.count);
                 lane.A.middleRows(group.first, group.count).noalias() +=
@@ -111,17 +117,18 @@ void GroupCorrection::set_lanes(const double* theta, std::size_t stride, std::si
     });
 }
 
-void GroupCorrection::apply(float* y, std::size_t lanes) noexcept {
+void GroupCorrection::apply(float* y, std::size_t lanes, TaskTeam& team) noexcept {
     if (!active_) return;
     const auto modes = static_cast<std::size_t>(modes_), stride = MetricSolver::lane_stride(lanes);
-    team_.split(lanes, [&](int, std::size_t first, std::size_t last) {
+    team.split(lanes, [&](int, std::size_t first, std::size_t last) {
         for (std::size_t l = first; l < last; ++l) {
             auto& lane = lane_[l];
             lane.c.setZero();
             for (const auto& group : groups_) {
                 auto c = lane.c.segment(group.first, group.count);
                 for (std::size_t i = 0; i < group.row.size(); ++i)
-                    c += y[static_cast<std::size_t>(group.row[i]) * stride + l] * group.U.row(static_cast<Eigen::Index>(i)).transpose();
+                    c += y[static_cast<std::size_t>(group.row[i]) * stride + l] *
+                         group.U.row(static_cast<Eigen::Index>(i)).transpose();
                 lane.Dc.segment(group.first, group.count).noalias() =
                     lane.D.block(group.first, group.first, group.count, group.count).lazyProduct(c);
             }
@@ -131,8 +138,9 @@ void GroupCorrection::apply(float* y, std::size_t lanes) noexcept {
             for (std::size_t m = 0; m < modes; ++m) C_[m * stride + l] = lane.c(static_cast<Eigen::Index>(m));
         }
     });
-    team_.split(rows_, [&](int, std::size_t first, std::size_t last) {
-        subtract_product(W_.data(), C_.data(), y, first, last, modes, MetricSolver::lane_stride(modes), stride);
+    team.split(rows_, [&](int, std::size_t first, std::size_t last) {
+        subtract_product(W_.data(), C_.data(), y, first, last, modes, MetricSolver::lane_stride(modes),
+                         stride);
     });
 }
 

@@ -24,16 +24,16 @@ namespace teres {
 class GroupCorrection {
   public:
     /// [setup]
-    GroupCorrection(const std::vector<Tether>& tethers, std::size_t num_parameters, const BlockPattern& pattern,
-                    const MetricSolver& metric, std::size_t max_lanes, TaskTeam& team);
+    GroupCorrection(const std::vector<Tether>& tethers, std::size_t num_parameters,
+                    const BlockPattern& pattern, const MetricSolver& metric, std::size_t max_lanes);
 
     /// [loop] After K0 was factorised at state x with parameters theta0 (one lane).
     void renew(const std::vector<Tether>& tethers, const double* theta0, const Positions& x,
-               MetricSolver& metric) noexcept;
+               MetricSolver& metric, TaskTeam& team) noexcept;
     /// [loop] Prepares the lanes of one solve; theta: parameter p of lane l at p * stride + l.
-    void set_lanes(const double* theta, std::size_t stride, std::size_t lanes) noexcept;
+    void set_lanes(const double* theta, std::size_t stride, std::size_t lanes, TaskTeam& team) noexcept;
     /// [loop] y (rows and lanes of the metric) holds K0^-1 r and receives K~_l^-1 r.
-    void apply(float* y, std::size_t lanes) noexcept;
+    void apply(float* y, std::size_t lanes, TaskTeam& team) noexcept;
 
   private:
     struct Group {
@@ -43,7 +43,6 @@ class GroupCorrection {
         Eigen::Index first = 0, count = 0;
         Eigen::MatrixXf U;  // rows of the tethers only
     };
-    TaskTeam& team_;
     std::vector<Group> groups_;
     Eigen::Index modes_ = 0;
     bool active_ = false;  // a lane's parameters differ from theta0

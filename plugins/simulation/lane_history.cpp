@@ -33,8 +33,34 @@ void LaneHistory::start(std::size_t stride, std::size_t float_stride) noexcept {
     float_stride_ = float_stride;
     count_ = 0;
     newest_ = 0;
+    newest_open_ = false;
     std::fill(valid_.begin(), valid_.end(), 0);
     std::fill(direction_.begin(), direction_.end(), 0.0f);  // padding lanes stay zero
+}
+
+void LaneHistory::resume(std::size_t stride, std::size_t float_stride) noexcept {
+    if (stride != stride_ || float_stride != float_stride_) {
+        start(stride, float_stride);
+        return;
+    }
+    if (!newest_open_) return;
+    const float* pairs[kPairs];
+    for (std::size_t age = 0; age < count_; ++age) pairs[age] = s(age);
+    team_.split(dof_.size(), [&](int rank, std::size_t first, std::size_t last) {
+        project({dof_.data(), first, last, stride_, float_stride_}, pairs, count_, y(0),
+                &partial_[static_cast<std::size_t>(rank) * kPairs * float_stride_]);
+    });
+    collect(sg_, count_);
+    for (std::size_t age = 0; age < count_; ++age)
+        for (std::size_t l = 0; l < stride_; ++l) sy(slot(age), slot(0), l) = sg_[age * stride_ + l];
+    close_newest();
+}
+
+// A pair without positive curvature is of no use.
+void LaneHistory::close_newest() noexcept {
+    newest_open_ = false;
+    for (std::size_t l = 0; l < stride_; ++l)
+        if (valid_[slot(0) * stride_ + l] && !(sy(slot(0), slot(0), l) > 0.0)) forget(l);
 }
 
 void LaneHistory::forget(std::size_t lane) noexcept {
@@ -66,30 +92,33 @@ void LaneHistory::begin(const double* gradient) noexcept {
     for (std::size_t age = 0; age < count_; ++age) pairs[age] = s(age);
     team_.split(dof_.size(), [&](int rank, std::size_t first, std::size_t last) {
         gather_and_project({dof_.data(), first, last, stride_, float_stride_}, gradient, pairs, count_,
-                           direction_.data(), &partial_[static_cast<std::size_t>(rank) * kPairs * float_stride_]);
+                           direction_.data(),
+                           &partial_[static_cast<std::size_t>(rank) * kPairs * float_stride_]);
     });
     collect(sg_, count_);
-    for (std::size_t l = 0; l < stride_ && count_ > 0; ++l) {
-        const std::size_t last = slot(0);
-        for (std::size_t age = 0; age < count_; ++age) {  // s_i.y_newest = s_i.g - s_i.g_old
-            const double now = sg_[age * stride_ + l];
-            const double before = age == 0 ? -step_[l] * slope_[l] : old_sg_[slot(age) * stride_ + l];
-            sy(slot(age), last, l) = now - before;
-            old_sg_[slot(age) * stride_ + l] = now;
-        }
-        if (!(sy(last, last, l) > 0.0)) forget(l);
-        for (std::size_t age = 0; age < count_; ++age) {
+    if (newest_open_) {
+        for (std::size_t age = 0; age < count_; ++age)  // s_i.y_newest = s_i.g - s_i.g_old
+            for (std::size_t l = 0; l < stride_; ++l)
+                sy(slot(age), slot(0), l) =
+                    sg_[age * stride_ + l] -
+                    (age == 0 ? -step_[l] * slope_[l] : old_sg_[slot(age) * stride_ + l]);
+        close_newest();
+    }
+    for (std::size_t age = 0; age < count_; ++age)
+        for (std::size_t l = 0; l < stride_; ++l) {
             double a = sg_[age * stride_ + l];
-            for (std::size_t newer = 0; newer < age; ++newer) a -= alpha_[newer * stride_ + l] * sy(slot(age), slot(newer), l);
+            old_sg_[slot(age) * stride_ + l] = a;
+            for (std::size_t newer = 0; newer < age; ++newer)
+                a -= alpha_[newer * stride_ + l] * sy(slot(age), slot(newer), l);
             a = valid_[slot(age) * stride_ + l] ? a / sy(slot(age), slot(age), l) : 0.0;
             alpha_[age * stride_ + l] = a;
             coefficients_[age * float_stride_ + l] = static_cast<float>(-a);
         }
-    }
     if (count_ == 0) return;
     for (std::size_t age = 0; age < count_; ++age) pairs[age] = y(age);
     team_.split(dof_.size(), [&](int, std::size_t first, std::size_t last) {
-        combine({dof_.data(), first, last, stride_, float_stride_}, pairs, coefficients_.data(), count_, direction_.data());
+        combine({dof_.data(), first, last, stride_, float_stride_}, pairs, coefficients_.data(), count_,
+                direction_.data());
     });
 }
 
@@ -119,8 +148,8 @@ void LaneHistory::finish(const double* gradient, const double* x, const double* 
         });
     }
     team_.split(dof_.size(), [&](int rank, std::size_t first, std::size_t last) {
-        take_step({dof_.data(), first, last, stride_, float_stride_}, gradient, x, direction_.data(), step, trial,
-                  &partial_[static_cast<std::size_t>(rank) * kPairs * float_stride_]);
+        take_step({dof_.data(), first, last, stride_, float_stride_}, gradient, x, direction_.data(), step,
+                  trial, &partial_[static_cast<std::size_t>(rank) * kPairs * float_stride_]);
     });
     collect(slope_, 1);
     std::copy_n(slope_.begin(), stride_, slope);
@@ -133,15 +162,16 @@ void LaneHistory::retry(const double* x, const double* step, double* trial) noex
     });
 }
 
-void LaneHistory::accept(const double* trial, const double* trial_gradient, const double* step, const char* keep,
-                         double* x, double* gradient) noexcept {
+void LaneHistory::accept(const double* trial, const double* trial_gradient, const double* step,
+                         const char* keep, double* x, double* gradient) noexcept {
     newest_ = (newest_ + 1) % kPairs;
     count_ = std::min(count_ + 1, kPairs);
+    newest_open_ = true;
     float* new_s = s_[newest_].data();
     float* new_y = y_[newest_].data();
     team_.split(dof_.size(), [&](int, std::size_t first, std::size_t last) {
-        record_pair({dof_.data(), first, last, stride_, float_stride_}, trial, trial_gradient, direction_.data(), step,
-                    keep, x, gradient, new_s, new_y);
+        record_pair({dof_.data(), first, last, stride_, float_stride_}, trial, trial_gradient,
+                    direction_.data(), step, keep, x, gradient, new_s, new_y);
     });
     for (std::size_t l = 0; l < stride_; ++l) {
         valid_[newest_ * stride_ + l] = keep[l];

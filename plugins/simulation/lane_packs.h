@@ -1,5 +1,5 @@
-// SIMD packs of lanes (GCC and Clang vector extensions: SSE2, AVX, AVX-512 or NEON) and the choice of the instruction
-// set when the program is loaded.
+// SIMD packs of lanes (GCC and Clang vector extensions: SSE2, AVX, AVX-512 or NEON) and the choice of the
+// instruction set when the program is loaded.
 #pragma once
 
 #include <cstddef>

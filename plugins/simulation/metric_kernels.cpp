@@ -9,7 +9,8 @@ using Panel = MetricSolver::Panel;
 
 // Triangle: row j of the panel holds L(j, 0..j-1) and 1 / L(j, j).
 template <int kWidth, class P>
-inline void lower(const Panel& p, const std::int32_t* rows, const float* values, float* y, std::size_t stride) {
+inline void lower(const Panel& p, const std::int32_t* rows, const float* values, float* y,
+                  std::size_t stride) {
     P x[kWidth];
     float* own = y + static_cast<std::size_t>(p.first_row) * stride;
     const float* L = values + p.triangle;
@@ -30,7 +31,8 @@ inline void lower(const Panel& p, const std::int32_t* rows, const float* values,
 }
 
 template <int kWidth, class P>
-inline void upper(const Panel& p, const std::int32_t* rows, const float* values, float* y, std::size_t stride) {
+inline void upper(const Panel& p, const std::int32_t* rows, const float* values, float* y,
+                  std::size_t stride) {
     P x[kWidth]{};
     const float* B = values + p.rectangle;
     const std::int32_t* below = rows + p.below;
@@ -49,28 +51,44 @@ inline void upper(const Panel& p, const std::int32_t* rows, const float* values,
 }
 
 template <class P>
-inline void lower_all(const std::vector<Panel>& panels, const std::int32_t* rows, const float* values, float* y,
-                      std::size_t stride) {
+inline void lower_all(const std::vector<Panel>& panels, const std::int32_t* rows, const float* values,
+                      float* y, std::size_t stride) {
     for (const auto& p : panels) {
         switch (p.width) {
-            case 12: lower<12, P>(p, rows, values, y, stride); break;
-            case 6: lower<6, P>(p, rows, values, y, stride); break;
-            case 3: lower<3, P>(p, rows, values, y, stride); break;
-            default: lower<1, P>(p, rows, values, y, stride); break;
+            case 12:
+                lower<12, P>(p, rows, values, y, stride);
+                break;
+            case 6:
+                lower<6, P>(p, rows, values, y, stride);
+                break;
+            case 3:
+                lower<3, P>(p, rows, values, y, stride);
+                break;
+            default:
+                lower<1, P>(p, rows, values, y, stride);
+                break;
         }
     }
 }
 
 template <class P>
-inline void upper_all(const std::vector<Panel>& panels, const std::int32_t* rows, const float* values, float* y,
-                      std::size_t stride) {
+inline void upper_all(const std::vector<Panel>& panels, const std::int32_t* rows, const float* values,
+                      float* y, std::size_t stride) {
     for (std::size_t k = panels.size(); k-- > 0;) {
         const auto& p = panels[k];
         switch (p.width) {
-            case 12: upper<12, P>(p, rows, values, y, stride); break;
-            case 6: upper<6, P>(p, rows, values, y, stride); break;
-            case 3: upper<3, P>(p, rows, values, y, stride); break;
-            default: upper<1, P>(p, rows, values, y, stride); break;
+            case 12:
+                upper<12, P>(p, rows, values, y, stride);
+                break;
+            case 6:
+                upper<6, P>(p, rows, values, y, stride);
+                break;
+            case 3:
+                upper<3, P>(p, rows, values, y, stride);
+                break;
+            default:
+                upper<1, P>(p, rows, values, y, stride);
+                break;
         }
     }
 }
@@ -117,9 +135,12 @@ TERES_MULTIVERSION
 void subtract_product(const float* W, const float* c, float* y, std::size_t first, std::size_t last,
                       std::size_t modes, std::size_t W_stride, std::size_t stride) noexcept {
     std::size_t l = 0;
-    for (; l + 16 <= stride; l += 16) subtract<LanePack<float, 16>>(W, c + l, y + l, first, last, modes, W_stride, stride);
-    for (; l + 8 <= stride; l += 8) subtract<LanePack<float, 8>>(W, c + l, y + l, first, last, modes, W_stride, stride);
-    for (; l + 4 <= stride; l += 4) subtract<LanePack<float, 4>>(W, c + l, y + l, first, last, modes, W_stride, stride);
+    for (; l + 16 <= stride; l += 16)
+        subtract<LanePack<float, 16>>(W, c + l, y + l, first, last, modes, W_stride, stride);
+    for (; l + 8 <= stride; l += 8)
+        subtract<LanePack<float, 8>>(W, c + l, y + l, first, last, modes, W_stride, stride);
+    for (; l + 4 <= stride; l += 4)
+        subtract<LanePack<float, 4>>(W, c + l, y + l, first, last, modes, W_stride, stride);
 }
 
 }  // namespace teres

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <numeric>
 
+#include "core/check.h"
 #include "plugins/simulation/metric_kernels.h"
 
 namespace teres {
@@ -19,7 +20,8 @@ std::vector<std::int32_t> split_tree(const SupernodalFactor& f, int threads) {
     std::vector<double> work(n), subtree(n);
     std::vector<std::vector<std::size_t>> children(n);
     for (std::size_t s = 0; s < n; ++s)
-        std::fill(of_column.begin() + f.column[s], of_column.begin() + f.column[s + 1], static_cast<std::int32_t>(s));
+        std::fill(of_column.begin() + f.column[s], of_column.begin() + f.column[s + 1],
+                  static_cast<std::int32_t>(s));
     for (std::size_t s = 0; s < n; ++s) {
         const auto columns = f.column[s + 1] - f.column[s], rows = f.row_start[s + 1] - f.row_start[s];
         work[s] = columns * (rows - 0.5 * columns) + 64.0;
@@ -35,7 +37,9 @@ std::vector<std::int32_t> split_tree(const SupernodalFactor& f, int threads) {
         if (parent[s] < 0) roots.push_back(s);
     }
     // Move the heaviest subtree's root to the top until splitting further does not pay.
-    const auto heavier = [&](std::size_t a, std::size_t b) { return subtree[a] != subtree[b] ? subtree[a] > subtree[b] : a < b; };
+    const auto heavier = [&](std::size_t a, std::size_t b) {
+        return subtree[a] != subtree[b] ? subtree[a] > subtree[b] : a < b;
+    };
     double top = 0.0, best_cost = 1e300;
     std::vector<std::size_t> best_roots;
     for (int expansions = 0; expansions < 200 && !roots.empty(); ++expansions) {
@@ -64,10 +68,9 @@ std::vector<std::int32_t> split_tree(const SupernodalFactor& f, int threads) {
 
 }  // namespace
 
-MetricSolver::MetricSolver(const Cholesky& cholesky, TaskTeam& team)
-    : team_(team), shares_(static_cast<std::size_t>(team.threads())) {
+MetricSolver::MetricSolver(const Cholesky& cholesky, int threads)
+    : shares_(static_cast<std::size_t>(threads)) {
     const SupernodalFactor f = cholesky.supernodes();
-    const int threads = team.threads();
     const auto owner = split_tree(f, threads);
     const auto columns = static_cast<std::size_t>(f.column[f.num_supernodes]);
     // Rows in the order: shares of the threads, then the top.
@@ -103,7 +106,8 @@ MetricSolver::MetricSolver(const Cholesky& cholesky, TaskTeam& team)
             }
             p.triangle = num_values;
             p.rectangle = num_values + static_cast<std::size_t>(p.width * p.width);
-            num_values = p.rectangle + static_cast<std::size_t>(p.width) * static_cast<std::size_t>(p.num_below);
+            num_values =
+                p.rectangle + static_cast<std::size_t>(p.width) * static_cast<std::size_t>(p.num_below);
             p.source = static_cast<std::size_t>(f.value_start[s]) +
                        static_cast<std::size_t>(j) * static_cast<std::size_t>(rows + 1);
             p.leading = rows;
@@ -130,18 +134,19 @@ void MetricSolver::renew(const Cholesky& cholesky) noexcept {
         for (int r = 0; r < p.num_below; ++r)
             for (int j = 0; j < p.width; ++j) *rectangle++ = static_cast<float>(at(p.width + r, j));
     };
-    team_.run([&](int rank) {
-        for (const auto& p : shares_[static_cast<std::size_t>(rank)].panels) take(p);
-    });
+    for (const auto& share : shares_)
+        for (const auto& p : share.panels) take(p);
     for (const auto& p : top_.panels) take(p);
 }
 
-void MetricSolver::solve(float* y, std::size_t lanes) noexcept {
+void MetricSolver::solve(float* y, std::size_t lanes, TaskTeam& team) noexcept {
     const std::size_t stride = lane_stride(lanes), top = top_first_ * stride, top_size = top_rows_ * stride;
-    const auto threads = static_cast<std::size_t>(team_.threads());
+    const std::size_t threads = shares_.size();
+    TERES_CHECK(static_cast<std::size_t>(team.threads()) == threads);
     std::fill(y + top + top_size, y + storage_rows_ * stride, 0.0f);
-    team_.run([&](int rank) {
-        solve_lower(shares_[static_cast<std::size_t>(rank)].panels, rows_.data(), values_.data(), y, stride, 0, stride);
+    team.run([&](int rank) {
+        solve_lower(shares_[static_cast<std::size_t>(rank)].panels, rows_.data(), values_.data(), y, stride,
+                    0, stride);
     });
     for (std::size_t t = 1; t < threads; ++t)
         for (std::size_t k = 0; k < top_size; ++k) y[top + k] += y[top + t * top_size + k];
@@ -152,12 +157,15 @@ void MetricSolver::solve(float* y, std::size_t lanes) noexcept {
     };
     const std::size_t packs = stride / 4;
     if (threads > 1 && packs > 1)
-        team_.split(packs, [&](int, std::size_t first, std::size_t last) { solve_top(4 * first, 4 * (last - first)); });
+        team.split(packs, [&](int, std::size_t first, std::size_t last) {
+            solve_top(4 * first, 4 * (last - first));
+        });
     else
         solve_top(0, stride);
     for (std::size_t t = 1; t < threads; ++t) std::copy_n(y + top, top_size, y + top + t * top_size);
-    team_.run([&](int rank) {
-        solve_upper(shares_[static_cast<std::size_t>(rank)].panels, rows_.data(), values_.data(), y, stride, 0, stride);
+    team.run([&](int rank) {
+        solve_upper(shares_[static_cast<std::size_t>(rank)].panels, rows_.data(), values_.data(), y, stride,
+                    0, stride);
     });
 }
 

@@ -1,12 +1,14 @@
-// y <- K^-1 y for many lanes at once, in single precision: the metric of the quasi-Newton. What rounding leaves out
-// costs iterations, never accuracy: the residual is always formed in double precision.
+// y <- K^-1 y for many lanes at once, in single precision: the metric of the quasi-Newton. What rounding
+// leaves out costs iterations, never accuracy: the residual is always formed in double precision.
 //
-// The Cholesky factor is stored as panels of up to 12 columns, row by row, so that one pass streams it once for all
-// lanes (lane = SIMD lane). Disjoint subtrees of the elimination tree go to different threads, the columns above them
-// ("top") are shared between the threads by lanes. Davis, Direct Methods for Sparse Linear Systems, 2006, ch. 3 and 4.
+// The Cholesky factor is stored as panels of up to 12 columns, row by row, so that one pass streams it once
+// for all lanes (lane = SIMD lane). Disjoint subtrees of the elimination tree go to different threads, the
+// columns above them
+// ("top") are shared between the threads by lanes. Davis, Direct Methods for Sparse Linear Systems, 2006, ch.
+// 3 and 4.
 //
-// Vectors are in the solver's own row order: row r of the vector belongs to free row free_row(r) of the pattern;
-// lane l of row r stands at r * lane_stride(lanes) + l.
+// Vectors are in the solver's own row order: row r of the vector belongs to free row free_row(r) of the
+// pattern; lane l of row r stands at r * lane_stride(lanes) + l.
 #pragma once
 
 #include <cstdint>
@@ -24,8 +26,8 @@ class MetricSolver {
         return lanes <= 4 ? 4 : lanes <= 8 ? 8 : (lanes + 15) / 16 * 16;
     }
 
-    /// [setup] Takes over the structure of the analysed factor.
-    MetricSolver(const Cholesky& cholesky, TaskTeam& team);
+    /// [setup] Takes over the structure of the analysed factor; solve() is shared by this many threads.
+    MetricSolver(const Cholesky& cholesky, int threads);
     /// [loop] Takes over the values of the factor.
     void renew(const Cholesky& cholesky) noexcept;
 
@@ -34,9 +36,10 @@ class MetricSolver {
     std::size_t num_storage_rows() const { return storage_rows_; }
     std::int32_t free_row(std::size_t row) const { return free_row_[row]; }
     /// [loop] In place; y has num_storage_rows() * lane_stride(lanes) values.
-    void solve(float* y, std::size_t lanes) noexcept;
+    void solve(float* y, std::size_t lanes, TaskTeam& team) noexcept;
 
-    /// Columns [first_row, first_row + width) of the factor: a triangle (with inverse diagonal) and the rows below.
+    /// Columns [first_row, first_row + width) of the factor: a triangle (with inverse diagonal) and the rows
+    /// below.
     struct Panel {
         std::int32_t first_row, width, num_below;
         std::size_t below;      ///< of rows_: storage rows of what stands below
@@ -50,7 +53,6 @@ class MetricSolver {
     };
 
   private:
-    TaskTeam& team_;
     std::vector<std::int32_t> free_row_;
     std::vector<Share> shares_;  // one per thread
     Share top_;

@@ -22,10 +22,9 @@ void bisect(const Positions& X, std::span<NodeIndex> nodes, int first, int threa
     (high - low).maxCoeff(&axis);
     const int left = threads / 2;
     const auto middle = nodes.size() * static_cast<std::size_t>(left) / static_cast<std::size_t>(threads);
-    std::nth_element(nodes.begin(), nodes.begin() + static_cast<std::ptrdiff_t>(middle), nodes.end(),
-                     [&](NodeIndex a, NodeIndex b) {
-                         return X(axis, a) != X(axis, b) ? X(axis, a) < X(axis, b) : a < b;
-                     });
+    std::nth_element(
+        nodes.begin(), nodes.begin() + static_cast<std::ptrdiff_t>(middle), nodes.end(),
+        [&](NodeIndex a, NodeIndex b) { return X(axis, a) != X(axis, b) ? X(axis, a) < X(axis, b) : a < b; });
     bisect(X, nodes.first(middle), first, left, owner);
     bisect(X, nodes.subspan(middle), first + left, threads - left, owner);
 }
@@ -47,15 +46,19 @@ PointShares::PointShares(const std::vector<StrainPoints>& points, const Position
         for (std::size_t q = 0; q < set.size(); ++q) {
             std::vector<int> votes(ranks, 0);
             for (auto i = set.offset[q]; i < set.offset[q + 1]; ++i)
-                ++votes[static_cast<std::size_t>(owner[static_cast<std::size_t>(set.node[static_cast<std::size_t>(i)])])];
-            const auto rank = static_cast<std::size_t>(std::max_element(votes.begin(), votes.end()) - votes.begin());
+                ++votes[static_cast<std::size_t>(
+                    owner[static_cast<std::size_t>(set.node[static_cast<std::size_t>(i)])])];
+            const auto rank =
+                static_cast<std::size_t>(std::max_element(votes.begin(), votes.end()) - votes.begin());
             of_rank[rank].push_back(static_cast<std::int32_t>(q));
             for (auto i = set.offset[q]; i < set.offset[q + 1]; ++i) {
                 const auto k = static_cast<std::size_t>(i);
                 const bool own = owner[static_cast<std::size_t>(set.node[k])] == static_cast<int>(rank);
-                shares.row[k] = own ? set.node[k]  // spares are counted per thread until all are known
-                                    : ~spare[rank].try_emplace(set.node[k], static_cast<std::int32_t>(spare[rank].size()))
-                                           .first->second;
+                shares.row[k] =
+                    own ? set.node[k]  // spares are counted per thread until all are known
+                        : ~spare[rank]
+                               .try_emplace(set.node[k], static_cast<std::int32_t>(spare[rank].size()))
+                               .first->second;
             }
         }
         for (const auto& share : of_rank) {

@@ -1,8 +1,8 @@
 // Which thread evaluates which strain points, so that no two threads ever write to the same row.
 //
-// Nodes are split between the threads by place (halves of equal number along the longest axis, again and again), a point
-// goes to the owner of most of its nodes. What a thread adds to a node of another owner goes to a spare row of its own;
-// add_spares() sums them afterwards, always in the same order.
+// Nodes are split between the threads by place (halves of equal number along the longest axis, again and
+// again), a point goes to the owner of most of its nodes. What a thread adds to a node of another owner goes
+// to a spare row of its own; add_spares() sums them afterwards, always in the same order.
 #pragma once
 
 #include <cstdint>
@@ -19,10 +19,10 @@ class PointShares {
     PointShares() = default;
     PointShares(const std::vector<StrainPoints>& points, const Positions& X, int threads);
 
-    struct Points {                          ///< of one set of strain points
-        std::vector<std::int32_t> point;     ///< by thread
-        std::vector<std::size_t> first;      ///< threads + 1
-        std::vector<std::int32_t> row;       ///< node that each node entry is added to, or ~spare row
+    struct Points {                       ///< of one set of strain points
+        std::vector<std::int32_t> point;  ///< by thread
+        std::vector<std::size_t> first;   ///< threads + 1
+        std::vector<std::int32_t> row;    ///< node that each node entry is added to, or ~spare row
     };
     const Points& points(std::size_t set) const { return sets_[set]; }
     std::size_t num_spare_rows() const { return spare_node_.size(); }

@@ -23,9 +23,11 @@ struct SimulationSettings {
     double band_shear_ratio = 0.0;
     std::string integrator = "auto";
     double spectral_radius = 0.9;
-    double relative_residual = 1e-5;
+    double relative_residual = 1e-4;
     int max_iterations = 60;
-    int refactorise_after = 8;
+    int refactorise_after = 12;
+    int renew_after = 9;
+    int renewal_steps = 6;
     bool plain_newton = false;
     int max_lanes = 40;
     int threads = 2;
@@ -67,9 +69,14 @@ struct SimulationSettings {
               "quasi-Newton iterations before plain Newton takes over");
         field("refactorise_after", refactorise_after, {1, 1000},
               "a step with more iterations has the tangent factorised anew before the next one");
+        field("renew_after", renew_after, {0, 1000},
+              "a step with more iterations has the tangent factorised anew in the background");
+        field("renewal_steps", renewal_steps, {0, 1000},
+              "steps after which a factorisation from the background is taken over (a fixed number: same "
+              "input, same "
+              "bits); 0: none in the background");
         field("plain_newton", plain_newton, "every lane alone with full Newton: slow reference path");
-        field("threads", threads, {1, 64},
-              "threads that share a step; the same number gives the same bits");
+        field("threads", threads, {1, 64}, "threads that share a step; the same number gives the same bits");
         field("max_lanes", max_lanes, {1, 128}, "largest batch (sigma points) that workspaces are made for");
         field("trajectories", trajectories,
               "offer whole recordings under hypotheses too (teres.trajectory_model/1); memory of 0.1-0.5 GB");
@@ -93,6 +100,8 @@ struct SimulationSettings {
         m.equilibrium.relative_residual = relative_residual;
         m.equilibrium.max_iterations = max_iterations;
         m.equilibrium.refactorise_after = refactorise_after;
+        m.equilibrium.renew_after = renew_after;
+        m.equilibrium.renewal_steps = renewal_steps;
         m.equilibrium.plain_newton = plain_newton;
         m.integrator = integrator;
         m.spectral_radius = spectral_radius;

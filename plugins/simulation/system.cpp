@@ -64,7 +64,8 @@ void MechanicalSystem::gradient(const ExternalActions& actions, const Inertia& i
     });
     w.team.run([&](int rank) {
         std::fill(w.spare.begin() + static_cast<std::ptrdiff_t>(3 * w.shares.spare_begin(rank) * stride),
-                  w.spare.begin() + static_cast<std::ptrdiff_t>(3 * w.shares.spare_begin(rank + 1) * stride), 0.0);
+                  w.spare.begin() + static_cast<std::ptrdiff_t>(3 * w.shares.spare_begin(rank + 1) * stride),
+                  0.0);
         parts_.body.add_gradient(w.shares, rank, x, gradient, w.spare.data(),
                                  &w.energy[static_cast<std::size_t>(rank) * stride], stride);
     });

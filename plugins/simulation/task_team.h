@@ -1,5 +1,5 @@
-// A fixed number of threads that work on one step together. Work is split the same way every time, so results do not
-// depend on which thread runs which share: same input, same bits, for a given number of threads.
+// A fixed number of threads that work on one step together. Work is split the same way every time, so results
+// do not depend on which thread runs which share: same input, same bits, for a given number of threads.
 #pragma once
 
 #include <tbb/parallel_for.h>
@@ -10,14 +10,16 @@ namespace teres {
 class TaskTeam {
   public:
     /// [setup]
-    explicit TaskTeam(int threads) : threads_(threads), arena_(threads) {}
+    explicit TaskTeam(int threads) : TaskTeam(threads, true) {}
+    /// All shares one after the other on the calling thread: same shares, same results.
+    static TaskTeam on_caller(int shares) { return TaskTeam(shares, false); }
 
     int threads() const { return threads_; }
     /// [loop] share(rank) for every rank in [0, threads); returns when all are done.
     template <class Share>
     void run(const Share& share) {
-        if (threads_ == 1) {
-            share(0);
+        if (threads_ == 1 || !parallel_) {
+            for (int rank = 0; rank < threads_; ++rank) share(rank);
             return;
         }
         arena_.execute([&] { tbb::parallel_for(0, threads_, share, tbb::static_partitioner{}); });
@@ -32,7 +34,10 @@ class TaskTeam {
     }
 
   private:
+    TaskTeam(int threads, bool parallel) : threads_(threads), parallel_(parallel), arena_(threads) {}
+
     int threads_;
+    bool parallel_;
     tbb::task_arena arena_;
 };
 

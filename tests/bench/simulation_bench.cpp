@@ -9,6 +9,7 @@
 #include <memory>
 
 #include "plugins/simulation/case_model.h"
+#include "plugins/simulation/cholesky.h"
 #include "plugins/simulation/metric_solver.h"
 #include "tests/support/synthetic_case.h"
 
@@ -140,13 +141,13 @@ void BM_Metric(benchmark::State& state) {
     Cholesky cholesky(system.pattern());
     cholesky.factorise(values);
     TaskTeam team(static_cast<int>(state.range(1)));
-    MetricSolver metric(cholesky, team);
+    MetricSolver metric(cholesky, team.threads());
     metric.renew(cholesky);
     const auto lanes = static_cast<std::size_t>(state.range(0));
     std::vector<float> y(metric.num_storage_rows() * MetricSolver::lane_stride(lanes), 1.0f);
     for (auto _ : state) {
         std::fill(y.begin(), y.end(), 1.0f);
-        metric.solve(y.data(), lanes);
+        metric.solve(y.data(), lanes, team);
         benchmark::DoNotOptimize(y.data());
     }
 }

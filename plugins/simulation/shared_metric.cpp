@@ -1,0 +1,98 @@
+#include "plugins/simulation/shared_metric.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace teres {
+
+SharedMetric::SharedMetric(const MechanicalSystem& system, std::size_t max_lanes)
+    : system_(system),
+      cholesky_(system.pattern()),
+      solver_(cholesky_, system.team().threads()),
+      correction_(system.parts().tethers, system.parts().num_parameters, system.pattern(), solver_,
+                  max_lanes) {
+    values_.reserve(system.pattern().num_values());
+}
+
+bool SharedMetric::renew(const ExternalActions& actions, const Inertia& inertia, std::size_t lane,
+                         const double* theta, const Positions& x, TaskTeam& team,
+                         int& factorisations) noexcept {
+    usable_ = false;
+    if (!system_.tangent(actions, inertia, lane, theta, x, values_)) return false;
+    // Indefinite (compressed StVK, slack supports): shift the diagonal until it is a usable metric.
+    const auto& start = system_.pattern().column_start();
+    const auto rows = static_cast<std::size_t>(system_.pattern().num_rows());
+    double mean = 0.0;
+    for (std::size_t j = 0; j < rows; ++j) mean += std::abs(values_[static_cast<std::size_t>(start[j])]);
+    mean /= static_cast<double>(std::max<std::size_t>(1, rows));
+    bool definite = false;
+    for (double shift = 0.0; shift < mean && !definite; shift = shift == 0.0 ? 1e-6 * mean : 10.0 * shift) {
+        for (std::size_t j = 0; j < rows && shift > 0.0; ++j)
+            values_[static_cast<std::size_t>(start[j])] += shift;
+        ++factorisations;
+        definite = cholesky_.factorise(values_);
+    }
+    if (!definite) return false;
+    solver_.renew(cholesky_);
+    correction_.renew(system_.parts().tethers, theta, x, solver_, team);
+    usable_ = true;
+    return true;
+}
+
+MetricRenewal::MetricRenewal(const MechanicalSystem& system, std::size_t max_lanes)
+    : system_(system),
+      spare_(std::make_unique<SharedMetric>(system, max_lanes)),
+      alone_(TaskTeam::on_caller(system.team().threads())),
+      theta_(std::max<std::size_t>(1, system.parts().num_parameters), 0.0),
+      x_(3, static_cast<Eigen::Index>(system.num_nodes())),
+      thread_([this] { work(); }) {}
+
+MetricRenewal::~MetricRenewal() {
+    {
+        const std::lock_guard lock(mutex_);
+        stop_ = true;
+    }
+    changed_.notify_all();
+    thread_.join();
+}
+
+void MetricRenewal::begin(const ExternalActions& actions, double inertia_coefficient, const double* theta,
+                          const Positions& x) {
+    actions_ = actions;
+    inertia_.coefficient = inertia_coefficient;
+    std::copy_n(theta, theta_.size(), theta_.begin());
+    x_ = x;
+    running_ = true;
+    {
+        const std::lock_guard lock(mutex_);
+        wanted_ = true;
+        done_ = false;
+    }
+    changed_.notify_all();
+}
+
+bool MetricRenewal::take(std::unique_ptr<SharedMetric>& metric, int& factorisations) {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [this] { return done_; });
+    running_ = false;
+    factorisations += factorisations_;
+    if (ok_) metric.swap(spare_);
+    return ok_;
+}
+
+void MetricRenewal::work() {
+    std::unique_lock lock(mutex_);
+    for (;;) {
+        changed_.wait(lock, [this] { return wanted_ || stop_; });
+        if (stop_) return;
+        wanted_ = false;
+        lock.unlock();
+        factorisations_ = 0;
+        ok_ = spare_->renew(actions_, inertia_, 0, theta_.data(), x_, alone_, factorisations_);
+        lock.lock();
+        done_ = true;
+        changed_.notify_all();
+    }
+}
+
+}  // namespace teres

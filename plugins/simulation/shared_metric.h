@@ -1,0 +1,73 @@
+// The metric that all lanes share, and its renewal in the background.
+//
+// A renewal is begun with a copy of one lane's state and taken over a fixed number of steps later, whether or
+// not the thread was done sooner: which step uses which factorisation does not depend on timing.
+#pragma once
+
+#include <condition_variable>
+#include <memory>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+#include "plugins/simulation/group_correction.h"
+#include "plugins/simulation/system.h"
+
+namespace teres {
+
+/// Factorisation of the tangent at one state, as a metric in single precision.
+class SharedMetric {
+  public:
+    /// [setup]
+    SharedMetric(const MechanicalSystem& system, std::size_t max_lanes);
+
+    /// [loop] Factorises the tangent at `x` (lane of inertia.damping: `lane`) with parameters `theta` (one
+    /// lane). Counts factorisations. False: outside of the law's domain or not positive definite even when
+    /// shifted.
+    bool renew(const ExternalActions& actions, const Inertia& inertia, std::size_t lane, const double* theta,
+               const Positions& x, TaskTeam& team, int& factorisations) noexcept;
+    bool usable() const { return usable_; }
+
+    MetricSolver& solver() { return solver_; }
+    GroupCorrection& correction() { return correction_; }
+
+  private:
+    const MechanicalSystem& system_;
+    Cholesky cholesky_;
+    MetricSolver solver_;
+    GroupCorrection correction_;  // the lanes' own parameters in the shared metric
+    std::vector<double> values_;
+    bool usable_ = false;
+};
+
+class MetricRenewal {
+  public:
+    MetricRenewal(const MechanicalSystem& system, std::size_t max_lanes);
+    ~MetricRenewal();
+
+    bool running() const { return running_; }
+    /// [loop] Begins a renewal at this state (copied).
+    void begin(const ExternalActions& actions, double inertia_coefficient, const double* theta,
+               const Positions& x);
+    /// [loop] Waits for it and exchanges it for `metric` if it succeeded.
+    bool take(std::unique_ptr<SharedMetric>& metric, int& factorisations);
+
+  private:
+    void work();
+
+    const MechanicalSystem& system_;
+    std::unique_ptr<SharedMetric> spare_;
+    TaskTeam alone_;
+    ExternalActions actions_;
+    Inertia inertia_;
+    std::vector<double> theta_;
+    Positions x_;
+    bool running_ = false, ok_ = false;
+    int factorisations_ = 0;
+    std::mutex mutex_;
+    std::condition_variable changed_;
+    bool wanted_ = false, done_ = false, stop_ = false;  // under mutex_
+    std::thread thread_;
+};
+
+}  // namespace teres
