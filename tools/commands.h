@@ -44,6 +44,7 @@ inline constexpr const char* kDefaultBusUrl = "udpm://239.255.76.67:7667?ttl=0&r
 inline constexpr int kDeepQueue = 1000;
 
 void add_atlas_command(CLI::App& app, int& exit_code);
+void add_bench_command(CLI::App& app, int& exit_code);
 void add_doctor_command(CLI::App& app, int& exit_code);
 void add_mesh_command(CLI::App& app, int& exit_code);
 void add_record_command(CLI::App& app, int& exit_code);
