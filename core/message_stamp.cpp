@@ -4,6 +4,7 @@
 #include <array>
 
 #include "teres/boundary_estimate_t.hpp"
+#include "teres/gap_t.hpp"
 #include "teres/health_t.hpp"
 #include "teres/innovation_t.hpp"
 #include "teres/liver_state_t.hpp"
@@ -22,7 +23,7 @@ std::int64_t big_endian(const std::uint8_t* bytes) noexcept {
 }  // namespace
 
 std::optional<MessageStamp> stamp_of(std::span<const std::uint8_t> data) noexcept {
-    static const std::array known = {boundary_estimate_t::getHash(), health_t::getHash(),
+    static const std::array known = {boundary_estimate_t::getHash(), gap_t::getHash(), health_t::getHash(),
                                      innovation_t::getHash(),        liver_state_t::getHash(),
                                      markers_t::getHash(),           tool_loads_t::getHash()};
     // LCM layout: hash, then the fields in order: capture_stamp_us, sequence, ...

@@ -4,10 +4,12 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "core/case/case_reader.h"
 #include "core/case/text_file.h"
 #include "core/case/text_writer.h"
 #include "tools/commands.h"
 #include "tools/diagnosis_run.h"
+#include "tools/gap_report.h"
 #include "tools/position_table.h"
 #include "tools/progress.h"
 
@@ -92,6 +94,16 @@ void print_plan(const Json& j) {
         std::printf("  not in question: %s (%s)\n", a["effect"].get<std::string>().c_str(), a["why"].get<std::string>().c_str());
 }
 
+// Where the prior has the ligament, for the picture.
+std::string with_attachment(const std::string& report_json, const Case& c) {
+    if (c.ligament_prior.empty()) return report_json;
+    Json j = Json::parse(report_json);
+    j["attachment"] = Json::array();
+    for (const auto& entry : c.ligament_prior)
+        if (entry.probability >= 0.5) j["attachment"].push_back(c.mesh.nodes[static_cast<std::size_t>(entry.node_id)]);
+    return j.dump();
+}
+
 Result<int> diagnose(const DiagnoseOptions& options) {
     TERES_TRY_ASSIGN(const Config config, read_offline_settings(options.settings));
     DiagnosisRunOptions work;
@@ -122,6 +134,11 @@ Result<int> diagnose(const DiagnoseOptions& options) {
         print_plan(json);
     } else {
         print_gap(json);
+        if (!options.report_folder.empty()) {
+            TERES_TRY_ASSIGN(const Case c, read_case(options.cases.front()));
+            TERES_TRY(write_gap_report(with_attachment(result->report_json, c), c.mesh, c.sensor, options.report_folder));
+            std::printf("  report: %s/index.html\n", options.report_folder.c_str());
+        }
         if (!options.predict_file.empty()) {
             PositionTable table;
             const std::size_t stride = 3 * result->point_id.size();
@@ -153,6 +170,8 @@ void add_diagnose_command(CLI::App& app, int& exit_code) {
         });
     verb->add_option("case", options->cases, "Case folders (teres-case-1) of one body")->required()->type_name("CASE");
     verb->add_option("--json", options->json_file, "Write the diagnosis as JSON (teres-gap-1)")->type_name("FILE");
+    verb->add_option("--report", options->report_folder, "Write a report: index.html, its data as CSV, pictures")
+        ->type_name("DIR");
     verb->add_option("--predict", options->predict_file,
                      "Write t_s,point_id,x_m,y_m,z_m of the points of validation_rest.csv with the named effects added")
         ->type_name("CSV");

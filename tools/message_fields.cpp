@@ -10,6 +10,7 @@
 #include "teres/boundary_estimate_t.hpp"
 #include "teres/camera_info_t.hpp"
 #include "teres/device_health_t.hpp"
+#include "teres/gap_t.hpp"
 #include "teres/health_t.hpp"
 #include "teres/image_t.hpp"
 #include "teres/innovation_t.hpp"
@@ -100,6 +101,18 @@ void put(json& to, const innovation_t& m) {
     to["rms_m"] = used > 0 ? std::sqrt(squares / used) : 0.0;
 }
 
+void put(json& to, const gap_t& m) {
+    put(to, m.header);
+    to["alarm"] = m.alarm != 0;
+    to["kind"] = m.kind;
+    to["onset_stamp_us"] = m.onset_stamp_us;
+    to["statistic"] = m.statistic;
+    to["bound"] = m.bound;
+    to["center_m"] = {m.center_x_m, m.center_y_m, m.center_z_m};
+    to["radius_m"] = m.radius_m;
+    to["num_markers"] = m.num_markers;
+}
+
 void put(json& to, const health_t& m) {
     put(to, m.header);
     to["uptime_s"] = m.uptime_s;
@@ -188,7 +201,7 @@ std::string text_of(const json& value) {
 }  // namespace
 
 MessageFields message_fields(std::span<const std::uint8_t> data) {
-    static const std::map<std::int64_t, Type> types = {known<boundary_estimate_t>(), known<health_t>(),
+    static const std::map<std::int64_t, Type> types = {known<boundary_estimate_t>(), known<gap_t>(), known<health_t>(),
                                                        known<innovation_t>(),        known<liver_state_t>(),
                                                        known<markers_t>(),           known<tool_loads_t>(),
                                                        known<image_t>(),             known<camera_info_t>(),

@@ -183,6 +183,43 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* kno
     return causes;
 }
 
+// What carries over to another recording of the body: not what happened once, and not the camera.
+Assumption lasting(const EffectTable& effects, const Assumption& from) {
+    Assumption out{from.theta, {}};
+    for (const ActiveEffect& effect : from.effects)
+        if (!effects[effect.entry].sensor && !effects[effect.entry].info.event) out.effects.push_back(effect);
+    return out;
+}
+
+// Other recordings of the body predicted with what `here` taught, and `here` predicted with the named effects fitted there.
+Result<std::vector<Transfer>> transfer(Problem& here, const Fit& nominal, const Fit& named,
+                                       std::span<const GapRecording> recordings, const EffectTable& effects) {
+    std::vector<Transfer> out;
+    const auto rms = [](Simulator& simulator, const Recording& recording, const Assumption& assumption) {
+        Eigen::VectorXd trajectory;
+        simulator.simulate(assumption, trajectory);
+        return gap_rms_m(recording.observed, trajectory, recording.seen_rows(), recording.noise_m);
+    };
+    for (std::size_t k = 1; k < recordings.size(); ++k) {
+        stage(here.options, "other recordings")(static_cast<double>(k - 1) / static_cast<double>(recordings.size() - 1));
+        TERES_TRY_ASSIGN(Recording other, make_recording(recordings[k]));
+        other.fit_rows = other.seen_rows();
+        Simulator simulator(*recordings[k].mechanics, recordings[k].sensors, effects);
+        out.push_back({here.recording.name, other.name, rms(simulator, other, nominal.at),
+                       rms(simulator, other, lasting(effects, named.at))});
+        Problem there{simulator, other, here.options, {}, {}};
+        there.discrepancy.columns.resize(static_cast<Eigen::Index>(simulator.num_rows()), 0);
+        Eigen::VectorXd motion;
+        simulator.simulate(nominal.at, motion);
+        there.whitener = whitener_for(other, there.discrepancy, motion, here.options.calibration);
+        const Fit plain = there.fit(nominal.at, 4, true), full = there.fit(lasting(effects, named.at), 4);
+        if (!plain.usable || !full.usable) continue;
+        out.push_back({other.name, here.recording.name, rms(here.simulator, here.recording, plain.at),
+                       rms(here.simulator, here.recording, full.at)});
+    }
+    return out;
+}
+
 std::vector<std::string> ids(const EffectTable& effects, const std::vector<std::size_t>& entries) {
     std::vector<std::string> list;
     for (const std::size_t e : entries) list.emplace_back(effects[e].info.id);
@@ -264,6 +301,7 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
         out.best_wrong_effects = ids(effects, cause.entries);
         break;
     }
+    TERES_TRY_ASSIGN(out.transfers, transfer(problem, out.nominal, best, recordings, effects));
     out.next_experiment = next_experiment(effects, out.verdict, out.confusability, options.calibration, out.significant);
     out.discrepancy = std::move(problem.discrepancy);
     return out;

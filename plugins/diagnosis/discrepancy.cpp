@@ -9,9 +9,9 @@
 namespace teres {
 namespace {
 
-constexpr int kDraws = 2;                 // of the nominal parameters, the first at the prior median
+constexpr int kDraws = 1;                 // of the nominal parameters, the first at the prior median
 constexpr double kDrawSpread = 0.5;       // in prior standard deviations
-constexpr std::size_t kFrames = 16;       // simulated with each variant
+constexpr std::size_t kFrames = 10;       // simulated with each variant
 constexpr Eigen::Index kModes = 8;        // temporal modes of the nominal motion
 constexpr Eigen::Index kColumns = 8;
 constexpr double kLeastColumn = 1e-3;     // columns below this share of the first are dropped

@@ -24,6 +24,7 @@ struct EffectEntry {
 struct ActiveEffect {
     std::size_t entry = 0;  ///< in the EffectTable
     std::vector<double> values;
+    bool operator==(const ActiveEffect&) const = default;
 };
 
 /// What is held to be true of the body and the sensors.

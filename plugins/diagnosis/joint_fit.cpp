@@ -10,6 +10,7 @@ namespace {
 constexpr double kHuber = 3.0;        // weight falls from here on, in medians of the marker distances
 constexpr double kMaxStep = 2.0;      // of a scaled coordinate in one iteration: keeps linearised steps in reach
 constexpr double kMaxDamping = 1e6;
+constexpr int kTrials = 3;
 
 // Square roots of Huber weights per trajectory row: marker distances against their median.
 Eigen::VectorXd huber_roots(const Eigen::VectorXd& difference) {
@@ -71,44 +72,53 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
     Fit best = evaluate((space.coordinates(start) - space.prior_mean()).cwiseQuotient(space.prior_stdev()));
     if (!best.usable) return best;
     double damping = 0.0;
-    bool at_base = true;
+    bool linearised = false;
     for (int iteration = 0; iteration < options.max_iterations; ++iteration) {
         if (options.robust) {
-            weight = huber_roots(observed - best.trajectory);
             const Eigen::VectorXd difference = zero_where_lost(observed - best.trajectory);
+            weight = huber_roots(observed - best.trajectory);
             best.residual = whitener(weight.cwiseProduct(difference));
             best.misfit = best.residual.squaredNorm();
             best.cost = best.misfit + best.u.squaredNorm();
         }
-        if (!at_base) simulator.simulate(best.at, best.trajectory);
-        at_base = true;
         linearise(best);
+        linearised = true;
         // (J'J + I + damping) du = J'r - u
         const Eigen::MatrixXd H = best.J.transpose() * best.J + Eigen::MatrixXd::Identity(best.J.cols(), best.J.cols());
         const Eigen::VectorXd gradient = best.J.transpose() * best.residual - best.u;
-        bool improved = false;
         double decrease = 0.0;
-        for (int trial = 0; trial < 3 && damping < kMaxDamping; ++trial) {
+        for (int trial = 0; trial < kTrials && damping < kMaxDamping; ++trial) {
             Eigen::MatrixXd damped = H;
             damped.diagonal() += damping * H.diagonal();
             Eigen::VectorXd du = damped.ldlt().solve(gradient);
+            // what the linear model promises: not worth a simulation if it is nothing
+            if (best.cost - (best.residual - best.J * du).squaredNorm() - (best.u + du).squaredNorm() <
+                options.tolerance * best.cost)
+                break;
             du *= std::min(1.0, kMaxStep / std::max(du.cwiseAbs().maxCoeff(), 1e-300));
             Fit next = evaluate(best.u + du);
-            at_base = false;
             if (next.cost < best.cost) {
                 decrease = 1.0 - next.cost / best.cost;
                 best = std::move(next);
                 damping *= 0.1;
-                improved = at_base = true;
+                linearised = false;
                 break;
             }
             damping = std::max(0.1, 10.0 * damping);
         }
-        if (!improved || decrease < options.tolerance) break;
+        if (linearised || decrease < options.tolerance) break;
     }
-    if (options.robust) weight.setOnes();
-    best = evaluate(best.u);
-    if (best.usable) linearise(best);
+    // The simulator's base and J at the result, with every marker at full weight.
+    if (options.robust) {
+        weight.setOnes();
+        linearised = false;
+    }
+    if (simulator.base().theta != best.at.theta || simulator.base().effects != best.at.effects || options.robust) {
+        Eigen::MatrixXd J = std::move(best.J);
+        best = evaluate(best.u);
+        best.J = std::move(J);
+    }
+    if (best.usable && !linearised) linearise(best);
     return best;
 }
 

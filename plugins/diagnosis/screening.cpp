@@ -10,6 +10,7 @@ namespace teres {
 namespace {
 
 constexpr double kTailDegrees = 4.0;
+constexpr std::int32_t kFewCandidates = 3;  // of a mechanical effect where each costs a whole simulation
 constexpr double kLeastShare = 0.05;  // of a candidate's amplitude: start of parameters that cannot be zero
 
 // One candidate: its place in the list of columns, one column per amplitude.
@@ -70,9 +71,12 @@ Screening screen(Simulator& simulator, const Whitener& whitener, const Fit& base
     const EffectTable& table = simulator.effects();
     std::vector<Candidate> candidates;
     std::vector<Assumption> others;
+    const bool expensive = !simulator.mechanics().first_order({}, {}, {});
     for (std::size_t e = 0; e < table.size(); ++e) {
         if (!table[e].applicable() || std::find(skip.begin(), skip.end(), e) != skip.end()) continue;
-        for (std::int32_t c = 0; c < table[e].info.num_candidates; ++c) {
+        const bool thin = expensive && !table[e].sensor && table[e].info.num_candidates > kFewCandidates;
+        const std::int32_t stride = thin ? table[e].info.num_candidates / kFewCandidates : 1;
+        for (std::int32_t c = 0; c < table[e].info.num_candidates; c += stride) {
             const ActiveEffect full = table.candidate(e, static_cast<std::size_t>(c));
             const std::size_t amplitudes = table.num_amplitudes(e);
             candidates.push_back({e, static_cast<std::size_t>(c), static_cast<Eigen::Index>(others.size()),

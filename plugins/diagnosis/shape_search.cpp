@@ -15,7 +15,9 @@ void improve_shapes(Simulator& simulator, const Whitener& whitener, const Eigen:
     for (int round = 0; round < kRounds; ++round) {
         std::vector<Assumption> others;
         for (std::size_t k = 0; k < fit.at.effects.size(); ++k) {
-            const auto& parameters = simulator.effects()[fit.at.effects[k].entry].parameters;
+            const EffectEntry& entry = simulator.effects()[fit.at.effects[k].entry];
+            if (!entry.sensor) continue;
+            const auto& parameters = entry.parameters;
             for (std::size_t p = 0; p < parameters.size(); ++p) {
                 const Eigen::Index column = space.coordinate(k, p);
                 if (parameters[p].role != EffectRole::kShape) continue;

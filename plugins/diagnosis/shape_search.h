@@ -1,5 +1,6 @@
-// Onsets, windows and places in which a simulation jumps rather than bends: a pattern search over an effect's shape
-// parameters by first-order responses, each accepted move confirmed by a simulation.
+// Onsets, windows and indices at which a sensor jumps rather than bends, so that a Jacobian does not see them: a pattern
+// search over the shape parameters of sensor effects, whose responses are exact; each accepted move is confirmed by a
+// simulation. (Mechanical effects begin with smooth ramps and are left to the joint fit.)
 #pragma once
 
 #include "plugins/diagnosis/joint_fit.h"

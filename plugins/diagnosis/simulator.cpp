@@ -71,6 +71,15 @@ bool Simulator::same_mechanics(const Assumption& a, const Assumption& b) const {
                       [](const auto* x, const auto* y) { return x->entry == y->entry && x->values == y->values; });
 }
 
+// A dynamic recording has no first order per frame: each hypothesis is simulated.
+void Simulator::simulate_changes(std::span<const Hypothesis> hypotheses, Eigen::MatrixXd& change) {
+    for (std::size_t k = 0; k < hypotheses.size(); ++k) {
+        auto column = change.col(static_cast<Eigen::Index>(k));
+        mechanics_.simulate(hypotheses[k], {column.data(), rows_}, {}, {});
+        column -= base_true_;
+    }
+}
+
 Eigen::MatrixXd Simulator::responses(const std::vector<Assumption>& others, const Progress& progress) {
     const auto rows = static_cast<Eigen::Index>(rows_);
     Eigen::MatrixXd change = Eigen::MatrixXd::Zero(rows, static_cast<Eigen::Index>(others.size()));
@@ -89,7 +98,7 @@ Eigen::MatrixXd Simulator::responses(const std::vector<Assumption>& others, cons
             hypotheses.push_back({other.theta, lists.back()});
         }
         batch.resize(rows, static_cast<Eigen::Index>(count));
-        if (!mechanics_.first_order(hypotheses, {batch.data(), rows_ * count}, {})) batch.setZero();
+        if (!mechanics_.first_order(hypotheses, {batch.data(), rows_ * count}, {})) simulate_changes(hypotheses, batch);
         for (std::size_t k = 0; k < count; ++k)
             change.col(static_cast<Eigen::Index>(moved[first + k])) = batch.col(static_cast<Eigen::Index>(k));
         if (progress && !progress(static_cast<double>(first + count) / static_cast<double>(moved.size()))) break;

@@ -39,6 +39,7 @@ class Simulator {
   private:
     std::vector<EffectInstance> instances(const Assumption& assumption, bool sensor) const;
     Eigen::VectorXd observe(const Assumption& assumption, const Eigen::VectorXd& true_m) const;
+    void simulate_changes(std::span<const Hypothesis> hypotheses, Eigen::MatrixXd& change);
     bool same_mechanics(const Assumption& a, const Assumption& b) const;
 
     TrajectoryModel& mechanics_;

@@ -1,0 +1,163 @@
+#include "plugins/diagnosis/innovation_watch.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace teres {
+namespace {
+
+constexpr double kOvershoot = 1.166;     // Siegmund's correction for discrete time
+constexpr double kStrong = 0.5;          // a marker takes part if its statistic is above this share of the bound
+constexpr double kRigidSpread = 0.35;    // shifts of all markers alike within this share: the camera moved, not the body
+constexpr double kSmoothing = 0.25;      // of the level that tells who is shifted, and how
+constexpr double kMaxCorrelation = 0.95;
+constexpr double kLeastSpread = 1e-3;    // of z
+
+double run_length(double k, double h) {
+    const double b = 2.0 * k * (h + kOvershoot);
+    return (std::exp(b) - b - 1.0) / (2.0 * k * k);
+}
+
+}  // namespace
+
+double cusum_bound(double drift, double rate_hz, double false_alarm_period_s, std::size_t channels) {
+    const double wanted = 2.0 * static_cast<double>(channels) * rate_hz * false_alarm_period_s;
+    double low = 0.0, high = 100.0 / drift;
+    for (int k = 0; k < 60; ++k) {
+        const double middle = 0.5 * (low + high);
+        (run_length(drift, middle) < wanted ? low : high) = middle;
+    }
+    return high;
+}
+
+InnovationWatch::InnovationWatch(std::size_t markers, const InnovationWatchOptions& options)
+    : options_(options), markers_(markers), channels_(3 * markers + 3), level_(3 * markers + 3, 0.0) {
+    state_.marker_statistic.assign(markers, 0.0);
+    state_.marker_shift.assign(markers, 0.0);
+}
+
+void InnovationWatch::restart() noexcept {
+    for (Channel& c : channels_) c.up = c.down = 0.0;
+    std::fill(state_.marker_shift.begin(), state_.marker_shift.end(), 0.0);
+    state_.alarm = false;
+    state_.kind = GapKind::kNone;
+    state_.onset_us = 0;
+    first_us_ = last_us_;
+    frames_ = 0;
+}
+
+void InnovationWatch::feed(Channel& c, double e, std::int64_t stamp_us, bool learning) noexcept {
+    if (!c.started) {
+        c.started = true;
+        c.previous = c.mean = e;
+        c.up_since_us = c.down_since_us = stamp_us;
+        return;
+    }
+    const double phi = std::clamp(c.variance > 0.0 ? c.covariance / c.variance : 0.0, 0.0, kMaxCorrelation);
+    const double innovation = (e - c.mean) - phi * (c.previous - c.mean);
+    const double z = (innovation - c.mean_z) / std::sqrt(std::max(c.variance_z, kLeastSpread));
+    if (!learning) {
+        const double clipped = std::clamp(z, -options_.clip, options_.clip);
+        c.up = std::max(0.0, c.up + clipped - options_.drift);
+        c.down = std::max(0.0, c.down - clipped - options_.drift);
+        if (c.up == 0.0) c.up_since_us = stamp_us;
+        if (c.down == 0.0) c.down_since_us = stamp_us;
+    }
+    // Learnt while nothing is under suspicion; running means at first, exponential forgetting later.
+    if (!state_.alarm && c.statistic() < 0.5 * (state_.bound > 0.0 ? state_.bound : 1.0)) {
+        const double memory = std::max(1.0, options_.forgetting_s / std::max(period_s_, 1e-3));
+        const double w = 1.0 / std::min(static_cast<double>(++c.count), memory);
+        const double bounded = learning ? e : c.mean + std::clamp(e - c.mean, -options_.clip * std::sqrt(c.variance),
+                                                                  options_.clip * std::sqrt(c.variance));
+        const double d = bounded - c.mean;
+        c.covariance += w * (d * (c.previous - c.mean) - c.covariance);
+        c.mean += w * d;
+        c.variance += w * (d * d - c.variance);
+        const double dz = std::clamp(innovation - c.mean_z, -options_.clip * std::sqrt(c.variance_z),
+                                     options_.clip * std::sqrt(c.variance_z));
+        c.mean_z += w * dz;
+        c.variance_z += w * (dz * dz - c.variance_z);
+    }
+    c.previous = e;
+}
+
+const GapState& InnovationWatch::update(std::int64_t stamp_us, std::span<const MarkerInnovation> markers) noexcept {
+    if (markers.size() != markers_ || (frames_ > 0 && stamp_us <= last_us_)) return state_;
+    if (frames_ > 0) {
+        const double dt = 1e-6 * static_cast<double>(stamp_us - last_us_);
+        period_s_ += (dt - period_s_) / static_cast<double>(std::min<std::int64_t>(frames_, 100));
+    } else {
+        first_us_ = stamp_us;
+    }
+    last_us_ = stamp_us;
+    ++frames_;
+    const bool learning = 1e-6 * static_cast<double>(stamp_us - first_us_) < options_.learning_s;
+    if (period_s_ > 0.0)
+        state_.bound = cusum_bound(options_.drift, 1.0 / period_s_, options_.false_alarm_period_s, channels_.size());
+
+    double common[3] = {0.0, 0.0, 0.0};
+    int seen = 0;
+    for (std::size_t m = 0; m < markers_; ++m) {
+        const MarkerInnovation& marker = markers[m];
+        if (!marker.seen || !(marker.sigma_m > 0.0)) continue;
+        ++seen;
+        for (std::size_t a = 0; a < 3; ++a) {
+            const double e = marker.d_m[a] / marker.sigma_m;
+            if (!std::isfinite(e)) continue;
+            level_[3 * m + a] += kSmoothing * (e - level_[3 * m + a]);
+            common[a] += e;
+            feed(channels_[3 * m + a], e, stamp_us, learning);
+        }
+    }
+    for (std::size_t a = 0; a < 3 && seen > 0; ++a)
+        feed(channels_[3 * markers_ + a], common[a] / std::sqrt(static_cast<double>(seen)), stamp_us, learning);
+    judge(stamp_us);
+    return state_;
+}
+
+void InnovationWatch::judge(std::int64_t stamp_us) noexcept {
+    const Channel* worst = &channels_.front();
+    for (const Channel& c : channels_)
+        if (c.statistic() > worst->statistic()) worst = &c;
+    state_.statistic = worst->statistic();
+    for (std::size_t m = 0; m < markers_; ++m) {
+        double statistic = 0.0, shift = 0.0;
+        for (std::size_t a = 0; a < 3; ++a) {
+            const Channel& c = channels_[3 * m + a];
+            statistic = std::max(statistic, c.statistic());
+            shift += (level_[3 * m + a] - c.mean) * (level_[3 * m + a] - c.mean) / std::max(c.variance, kLeastSpread);
+        }
+        state_.marker_statistic[m] = statistic;
+        if (state_.alarm) state_.marker_shift[m] += 0.2 * (std::sqrt(shift / 3.0) - state_.marker_shift[m]);
+    }
+    if (state_.alarm) {
+        if (1e-6 * static_cast<double>(stamp_us - alarm_us_) > options_.hold_s) restart();
+        return;
+    }
+    if (state_.bound <= 0.0 || state_.statistic < state_.bound) return;
+
+    state_.alarm = true;
+    alarm_us_ = stamp_us;
+    state_.onset_us = worst->up > worst->down ? worst->up_since_us : worst->down_since_us;
+    // One marker alone, or all shifted alike: the sensor. Several in different ways: the body.
+    std::size_t strong = 0;
+    double mean[3] = {0.0, 0.0, 0.0}, square = 0.0, scatter = 0.0;
+    for (std::size_t m = 0; m < markers_; ++m) {
+        strong += state_.marker_statistic[m] > kStrong * state_.bound ? 1 : 0;
+        double shift = 0.0;
+        for (std::size_t a = 0; a < 3; ++a) {
+            const Channel& c = channels_[3 * m + a];
+            const double d = level_[3 * m + a] - c.mean;
+            mean[a] += d / static_cast<double>(markers_);
+            shift += d * d;
+            scatter += kSmoothing / (2.0 - kSmoothing) * c.variance / static_cast<double>(markers_);
+        }
+        square += shift / static_cast<double>(markers_);
+        state_.marker_shift[m] = std::sqrt(shift / 3.0);
+    }
+    const double common = mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2];
+    const bool alike = square > 0.0 && square - common < kRigidSpread * kRigidSpread * square + 1.5 * scatter;
+    state_.kind = strong <= 1 || (alike && 2 * strong > markers_) ? GapKind::kSensor : GapKind::kMechanics;
+}
+
+}  // namespace teres

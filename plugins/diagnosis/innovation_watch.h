@@ -1,0 +1,84 @@
+// Sequential test of the filter's innovations: tells within a fraction of a second that something began which the filter
+// does not explain, and false alarms at most once an hour.
+//
+//     e   = d / sigma                       innovation of a marker axis (and of the mean over markers: common modes)
+//     z_t = (e_t - phi e_{t-1} - m) / s     whitened: structured model error is correlated in time; m, s, phi learnt
+//     g+  = max(0, g+ + clip(z) - k),  g- = max(0, g- - clip(z) - k)          CUSUM, both directions
+//     alarm when a g exceeds h;  onset: the last frame at which that g was zero
+//
+// Run length between false alarms of one CUSUM of white Gaussian z (Siegmund 1985):
+//     ARL = (exp(2 k b) - 2 k b - 1) / (2 k^2),  b = h + 1.166
+// h is chosen so that all channels together alarm once in `false_alarm_period_s`.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace teres {
+
+struct InnovationWatchOptions {
+    double false_alarm_period_s = 7200.0;  ///< twice the promised hour: z is not exactly Gaussian
+    double drift = 1.0;                    ///< k, half the smallest shift looked for, in standard deviations
+    double learning_s = 5.0;               ///< no alarm before; level, spread and correlation are learnt
+    double forgetting_s = 60.0;            ///< level and spread follow slow changes
+    double clip = 2.5;                     ///< a few wild values are no shift
+    double hold_s = 5.0;                   ///< an alarm stands so long, then the new state is learnt
+};
+
+/// Innovation of one marker; `used` false: lost or gated (a gated marker counts, a lost one does not).
+struct MarkerInnovation {
+    double d_m[3];
+    double sigma_m;
+    bool seen;
+};
+
+enum class GapKind { kNone, kSensor, kMechanics };
+
+struct GapState {
+    bool alarm = false;
+    GapKind kind = GapKind::kNone;
+    std::int64_t onset_us = 0;
+    double statistic = 0.0, bound = 0.0;
+    std::vector<double> marker_statistic;  ///< largest of the marker's axes
+    std::vector<double> marker_shift;      ///< in standard deviations since the onset; 0 without alarm
+};
+
+/// h for `channels` two-sided CUSUMs at `rate_hz`.
+double cusum_bound(double drift, double rate_hz, double false_alarm_period_s, std::size_t channels);
+
+class InnovationWatch {
+  public:
+    InnovationWatch(std::size_t markers, const InnovationWatchOptions& options);
+
+    /// [loop] One frame; stamps must not go backwards (a frame that does is ignored). markers as given to the constructor.
+    const GapState& update(std::int64_t stamp_us, std::span<const MarkerInnovation> markers) noexcept;
+    const GapState& state() const { return state_; }
+
+  private:
+    struct Channel {
+        double mean = 0.0, variance = 1.0, covariance = 0.0, previous = 0.0;  // of e; learnt
+        double mean_z = 0.0, variance_z = 1.0;
+        double up = 0.0, down = 0.0;
+        std::int64_t up_since_us = 0, down_since_us = 0;
+        double sum = 0.0;  // of e since the alarm's onset, for the shift
+        int count = 0;
+        bool started = false;
+        double statistic() const { return up > down ? up : down; }
+        double sign() const { return up > down ? 1.0 : -1.0; }
+    };
+    void feed(Channel& channel, double e, std::int64_t stamp_us, bool learning) noexcept;
+    void judge(std::int64_t stamp_us) noexcept;
+    void restart() noexcept;
+
+    InnovationWatchOptions options_;
+    std::size_t markers_;
+    std::vector<Channel> channels_;  // 3 per marker, then 3 common modes
+    std::vector<double> level_;      // smoothed e per channel
+    GapState state_;
+    std::int64_t first_us_ = 0, last_us_ = 0, alarm_us_ = 0;
+    std::int64_t frames_ = 0;
+    double period_s_ = 0.0;
+};
+
+}  // namespace teres
