@@ -16,7 +16,7 @@ void improve_shapes(Simulator& simulator, const Whitener& whitener, const Eigen:
         std::vector<Assumption> others;
         for (std::size_t k = 0; k < fit.at.effects.size(); ++k) {
             const EffectEntry& entry = simulator.effects()[fit.at.effects[k].entry];
-            if (!entry.sensor) continue;
+            if (!entry.sensor && !entry.info.event) continue;
             const auto& parameters = entry.parameters;
             for (std::size_t p = 0; p < parameters.size(); ++p) {
                 const Eigen::Index column = space.coordinate(k, p);
