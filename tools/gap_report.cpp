@@ -167,8 +167,8 @@ Status draw(const Json& j, const Residuals& r, const std::vector<double>& gap, c
 }
 
 void replace(std::string& page, const std::string& mark, const std::string& text) {
-    const std::size_t at = page.find(mark);
-    if (at != std::string::npos) page.replace(at, mark.size(), text);
+    for (std::size_t at = page.find(mark); at != std::string::npos; at = page.find(mark, at + text.size()))
+        page.replace(at, mark.size(), text);
 }
 
 // Text inside HTML, and JSON inside a script element.
