@@ -176,6 +176,23 @@ TEST(RotationToRas, KnowsFramesAndRefusesMirroredOnes) {
     EXPECT_THAT(rotation_to_ras("RRS").error().text, HasSubstr("one letter each"));
 }
 
+TEST(AnnotatedLivers, AnnotationsOffTheSurfaceAreNamed) {
+    const test::ScratchFolder scratch;
+    std::filesystem::create_directories(scratch.path() / "mesh");
+    std::filesystem::create_directories(scratch.path() / "landmarks");
+    ASSERT_TRUE(write_obj(octahedron(0.1), scratch.path() / "mesh/a.obj", "", 1e-3));
+    const auto read = [&](const std::string& rows) {
+        EXPECT_TRUE(write_text_file(scratch.path() / "landmarks/a.csv", "class,v0,v1\n" + rows));
+        return read_annotated_livers(scratch.path(), 1e-3, "RAS");
+    };
+    const auto good = read("ligament,0,2\nridge,1,5\n");
+    ASSERT_TRUE(good) << good.error().text;
+    EXPECT_EQ(good->front().nodes.at("falciform"), (std::vector<std::int32_t>{0, 2}));
+    // 0 and 1 are opposite corners
+    EXPECT_THAT(read("ligament,0,2\nligament,0,1\n").error().text, HasSubstr("a.csv:3: annotation off the surface: 0-1"));
+    EXPECT_THAT(read("ligament,0,77\n").error().text, HasSubstr("annotation off the surface: 0-77"));
+}
+
 // The shipped atlas on an independent liver it has not seen: turned by 30 degrees and in metres it says the
 // same.
 TEST(AtlasCommand, PoseAndUnitDoNotMatter) {
