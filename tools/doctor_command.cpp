@@ -42,6 +42,7 @@ int run(const Options& options) {
     }
     for (auto* look : {&check_network, &check_devices})
         for (Check& check : (*look)(*config, HostView{})) checks.push_back(std::move(check));
+    for (Check& check : check_appliance(HostView{})) checks.push_back(std::move(check));
     for (Check& check : check_process(*config)) checks.push_back(std::move(check));
 
     int failures = 0, warnings = 0;

@@ -23,6 +23,7 @@
 #include "core/case/case_reader.h"
 #include "core/plugin_host.h"
 #include "core/session.h"
+#include "drivers/device/usb_tree.h"
 
 namespace teres::tools {
 namespace {
@@ -254,36 +255,131 @@ std::vector<Check> check_network(const Config& config, const HostView& host) {
     return checks;
 }
 
-std::vector<Check> check_devices(const Config& config, const HostView& host) {
+namespace {
+
+bool in_use(const Config& config, const std::string& driver) {
     const auto& drivers = config.service().drivers;
-    const bool needed = std::find(drivers.begin(), drivers.end(), "camera") != drivers.end();
-    std::vector<fs::path> nodes;
-    std::error_code failure;
-    for (fs::directory_iterator at(host.dev, failure), end; !failure && at != end; at.increment(failure))
-        if (at->path().filename().string().starts_with("video")) nodes.push_back(at->path());
-    std::sort(nodes.begin(), nodes.end());
-    if (nodes.empty()) {
-        if (needed) return {fail("video devices", "none", "connect the camera; look at dmesg and lsusb")};
-        return {ok("video devices", "none (no camera driver in use)")};
+    return std::find(drivers.begin(), drivers.end(), driver) != drivers.end();
+}
+
+// One setting of a unit in use, as it would get it; empty if the unit is not installed.
+std::string setting_text(const Config& config, const std::string& unit, const std::string& key) {
+    const auto file = find_plugin(unit, plugin_folders(config.service().plugin_folder));
+    const auto plugin = file ? load_plugin(*file) : tl::unexpected(file.error());
+    const teres_factory* factory = plugin ? plugin->factory(unit) : nullptr;
+    if (factory == nullptr) return "";
+    const auto settings = config.resolve(unit, std::span(factory->settings, factory->num_settings));
+    if (!settings) return "";
+    for (const teres_setting_value& value : settings->values)
+        if (value.key == key && value.text != nullptr) return value.text;
+    return "";
+}
+
+Check check_node(const VideoNode& node, bool needed) {
+    const std::string name = "video " + node.node.filename().string();
+    const Descriptor device(open(node.node.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC));
+    v4l2_capability capability{};
+    if (device.get() < 0) {
+        const std::string remedy = errno == EACCES ? "usermod -aG video USER, or SupplementaryGroups=video in the unit"
+                                                   : "is the camera still connected?";
+        return {name, needed ? CheckState::kFail : CheckState::kWarn, std::strerror(errno), remedy};
     }
-    std::vector<Check> checks;
-    for (const fs::path& node : nodes) {
-        const std::string name = "video " + node.filename().string();
-        const Descriptor device(open(node.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC));
-        v4l2_capability capability{};
-        if (device.get() < 0) {
-            const std::string remedy =
-                errno == EACCES ? "usermod -aG video USER, or SupplementaryGroups=video in the unit"
-                                : "is the camera still connected?";
-            checks.push_back(
-                {name, needed ? CheckState::kFail : CheckState::kWarn, std::strerror(errno), remedy});
-        } else if (ioctl(device.get(), VIDIOC_QUERYCAP, &capability) != 0) {
-            checks.push_back(warn(name, "is not a video device", "look at dmesg"));
-        } else {
-            const auto* card = reinterpret_cast<const char*>(capability.card);
-            checks.push_back(ok(name, std::string(card, strnlen(card, sizeof(capability.card)))));
+    if (ioctl(device.get(), VIDIOC_QUERYCAP, &capability) != 0) return warn(name, "is not a video device", "look at dmesg");
+    const auto* card = reinterpret_cast<const char*>(capability.card);
+    std::string found(card, strnlen(card, sizeof(capability.card)));
+    if (!node.id.empty()) found += ", " + node.id + (node.serial.empty() ? "" : " serial " + node.serial);
+    if (node.usb_mbps > 480) found += ", USB " + std::to_string(node.usb_mbps) + " Mbit/s";
+    if (node.usb_mbps > 0 && node.usb_mbps <= 480)
+        return warn(name, found + ", on a USB 2 link (" + std::to_string(node.usb_mbps) + " Mbit/s)",
+                    "a USB 3 port and cable: colour and depth at 30 Hz need 295 Mbit/s");
+    return ok(name, found);
+}
+
+// The cameras that the settings name, by serial number or vendor:product.
+Check check_camera(const std::string& stream, const std::string& device, const std::vector<VideoNode>& nodes) {
+    const std::string name = "camera " + stream;
+    for (const VideoNode& node : nodes)
+        if (node.serial == device || node.id == device) return ok(name, device + " is connected");
+    for (const VideoNode& node : nodes)
+        if (node.id.starts_with("8086:"))
+            return warn(name, device + " is not the serial number of any USB device",
+                        "if it is the one printed on a RealSense the service finds it; see serial above else");
+    return fail(name, device + " is not connected", "plug it in; camera." + stream + "_device takes a serial number from above");
+}
+
+Check check_footswitch(const std::string& id, const HostView& host) {
+    const std::string name = "footswitch";
+    std::error_code failure;
+    for (fs::directory_iterator at(host.sys / "bus/usb/devices", failure), end; !failure && at != end; at.increment(failure)) {
+        const auto attribute = [&](const char* key) {
+            std::ifstream stream(at->path() / key);
+            std::string text;
+            std::getline(stream, text);
+            return text;
+        };
+        if (attribute("idVendor") + ":" + attribute("idProduct") != id) continue;
+        char node[32];
+        std::snprintf(node, sizeof node, "bus/usb/%03d/%03d", std::atoi(attribute("busnum").c_str()),
+                      std::atoi(attribute("devnum").c_str()));
+        const fs::path file = host.dev / node;
+        if (access(file.c_str(), R_OK | W_OK) == 0) return ok(name, id + " at " + file.string());
+        return fail(name, file.string() + ": " + std::strerror(errno),
+                    "install config/appliance/60-teres.rules in /usr/lib/udev/rules.d; SupplementaryGroups=plugdev in the unit");
+    }
+    return fail(name, id + " is not connected", "plug it in; pedal.device names vendor:product");
+}
+
+}  // namespace
+
+std::vector<Check> check_devices(const Config& config, const HostView& host) {
+    const bool needed = in_use(config, "camera");
+    std::vector<VideoNode> nodes = video_nodes({host.sys, host.dev});
+    std::error_code failure;
+    for (fs::directory_iterator at(host.dev, failure), end; !failure && at != end; at.increment(failure)) {
+        const auto same = [&](const VideoNode& node) { return node.node == at->path(); };
+        if (at->path().filename().string().starts_with("video") && std::none_of(nodes.begin(), nodes.end(), same)) {
+            nodes.emplace_back();
+            nodes.back().node = at->path();
         }
     }
+    std::vector<Check> checks;
+    if (nodes.empty())
+        checks.push_back(needed ? fail("video devices", "none", "connect the camera; look at dmesg and lsusb")
+                                : ok("video devices", "none (no camera driver in use)"));
+    for (const VideoNode& node : nodes) checks.push_back(check_node(node, needed));
+    if (needed) {
+        for (const char* stream : {"color", "depth", "left", "right"}) {
+            const std::string device = setting_text(config, "camera", std::string(stream) + "_device");
+            if (!device.empty()) checks.push_back(check_camera(stream, device, nodes));
+        }
+    }
+    if (in_use(config, "pedal")) checks.push_back(check_footswitch(setting_text(config, "pedal", "device"), host));
+    return checks;
+}
+
+std::vector<Check> check_appliance(const HostView& host) {
+    const auto there = [&](const char* file) {
+        std::error_code failure;
+        return fs::exists(fs::symlink_status(host.root / file, failure));
+    };
+    if (!there("usr/lib/systemd/system/teres.service") && !there("etc/systemd/system/teres.service"))
+        return {ok("service", "not installed on this machine")};
+    std::vector<Check> checks;
+    for (const std::string unit : {"teres.service", "teres-multicast.service", "teres-firewall.service"}) {
+        const bool enabled = there(("etc/systemd/system/multi-user.target.wants/" + unit).c_str());
+        const bool running = there(("run/systemd/units/invocation:" + unit).c_str());
+        if (!enabled)
+            checks.push_back(fail(unit, "does not start on boot", "systemctl enable --now " + unit));
+        else if (!running)
+            checks.push_back(fail(unit, "is not running", "systemctl start " + unit + "; journalctl -u " + unit));
+        else
+            checks.push_back(ok(unit, "starts on boot, is running"));
+    }
+    for (const auto& [file, what] :
+         {std::pair{"usr/lib/sysctl.d/60-teres.conf", "kernel settings after a boot"},
+          {"usr/lib/udev/rules.d/60-teres.rules", "access to USB devices"},
+          {"usr/lib/systemd/journald.conf.d/60-teres.conf", "size of the log"}})
+        checks.push_back(there(file) ? ok(what, file) : warn(what, std::string(file) + " is missing", "install the package teres again"));
     return checks;
 }
 

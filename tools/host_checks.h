@@ -25,11 +25,14 @@ struct Check {
 struct HostView {
     std::filesystem::path proc = "/proc";
     std::filesystem::path dev = "/dev";
+    std::filesystem::path sys = "/sys";
+    std::filesystem::path root = "/";
 };
 
 std::vector<Check> check_settings(const Config& config);  ///< plugins, sections, case folder, recording
 std::vector<Check> check_network(const Config& config, const HostView& host);
 std::vector<Check> check_devices(const Config& config, const HostView& host);
+std::vector<Check> check_appliance(const HostView& host);  ///< units, kernel settings and rules of the package
 std::vector<Check> check_process(const Config& config);  ///< locked memory, service manager
 
 const char* state_word(CheckState state);

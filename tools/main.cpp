@@ -25,6 +25,7 @@ int main(int argc, char** argv) {
         add_diagnose_command(app, exit_code);
         add_settings_command(app, exit_code);
         add_bench_command(app, exit_code);
+        add_bridge_command(app, exit_code);
         add_doctor_command(app, exit_code);
         add_score_command(app, exit_code);
         add_spy_command(app, exit_code);

@@ -4,11 +4,14 @@
 #include <cstdio>
 #include <ctime>
 #include <memory>
+#include <optional>
+#include <utility>
 
 #include "core/bus.h"
 #include "core/clock.h"
 #include "core/recorder.h"
 #include "core/service.h"
+#include "teres/pedal_t.hpp"
 #include "tools/commands.h"
 #include "tools/spy_table.h"
 
@@ -23,16 +26,54 @@ struct RecordOptions {
     int keep = 0;
     std::int64_t max_mb = 0;
     double seconds = 0.0;
+    bool pedal = false;
     bool force = false;
 };
 
-std::string dated_name() {
+std::string dated(const std::string& pattern) {
     const std::time_t now = std::time(nullptr);
     std::tm parts{};
     localtime_r(&now, &parts);
-    char name[64];
-    std::strftime(name, sizeof name, "teres-%Y%m%d-%H%M%S.lcm", &parts);
-    return name;
+    char name[4096];
+    return std::strftime(name, sizeof name, pattern.c_str(), &parts) > 0 ? name : pattern;
+}
+
+// One log for each time between two steps on a pedal whose action is `record`; dated names unless -o holds a date itself.
+int record_by_pedal(const RecordOptions& options, RecorderSettings settings, Bus& bus) {
+    std::optional<Recorder> recorder;
+    bool toggle = false;
+    const std::int64_t start_us = monotonic_us();
+    const Status heard = bus.subscribe(
+        options.channels, kMaxMessageBytes,
+        [&](std::string_view channel, std::span<const std::uint8_t> data, std::int64_t) {
+            if (recorder) recorder->record(channel, data, Recorder::wall_clock_us());
+            pedal_t pedal;
+            if (channel == "PEDAL" && pedal.decode(data.data(), 0, static_cast<int>(data.size())) >= 0)
+                toggle |= pedal.down != 0 && pedal.action == "record";
+        },
+        kDeepQueue);
+    if (!heard) return report(heard.error());
+    const StopSignals signals;
+    int logs = 0;
+    while (!signals.stop() &&
+           !(options.seconds > 0.0 && static_cast<double>(monotonic_us() - start_us) >= 1e6 * options.seconds)) {
+        if (bus.dispatch(50) < 0) break;
+        if (recorder && recorder->counters().stopped)
+            std::fprintf(stderr, "teres: record: %s\n", recorder->stop_reason().c_str());
+        if (!std::exchange(toggle, false) && !(recorder && recorder->counters().stopped)) continue;
+        if (recorder) {
+            recorder.reset();
+            continue;
+        }
+        settings.file = dated(options.file.empty() ? "teres-%Y%m%d-%H%M%S.lcm" : options.file);
+        auto opened = Recorder::open(settings);
+        if (!opened) return report(opened.error());
+        recorder.emplace(std::move(*opened));
+        ++logs;
+        std::fprintf(stderr, "recording to %s\n", settings.file.c_str());
+    }
+    std::fprintf(stderr, "%d logs\n", logs);
+    return kDone;
 }
 
 int record(const RecordOptions& options) {
@@ -41,13 +82,14 @@ int record(const RecordOptions& options) {
                        "record: memq:// cannot be heard from outside its process; use service.record_to in "
                        "the settings of the service"});
     RecorderSettings settings;
-    settings.file = options.file.empty() ? dated_name() : options.file;
+    settings.file = options.file.empty() ? dated("teres-%Y%m%d-%H%M%S.lcm") : options.file;
     settings.split_mb = options.split_mb;
     settings.keep = options.keep;
     settings.max_mb = options.max_mb;
     settings.overwrite = options.force;
     auto bus = Bus::open(options.url);
     if (!bus) return report(bus.error());
+    if (options.pedal) return record_by_pedal(options, settings, *bus);
     auto recorder = Recorder::open(settings);
     if (!recorder) return report(recorder.error());
     SpyTable gaps;  // what was lost before it came here
@@ -105,6 +147,7 @@ void add_record_command(CLI::App& app, int& exit_code) {
         "  teres record -o session.lcm\n"
         "  teres record --channels 'MARKERS|TOOL_LOADS' --seconds 60\n"
         "  teres record --split-mb 500 --keep 20 -o /var/log/teres/session.lcm   # files .00, .01, ...\n"
+        "  teres record --pedal -o '/var/lib/teres/%Y%m%d-%H%M%S.lcm'             # from step to step on the footswitch\n"
         "Exit code 1: nothing came, or --max-mb was reached; 3: the disk is full.",
         [options] { return record(*options); });
     verb->add_option("--url", options->url, "LCM URL of the bus")
@@ -123,6 +166,7 @@ void add_record_command(CLI::App& app, int& exit_code) {
         ->check(CLI::Range(0, 100'000'000));
     verb->add_option("--seconds", options->seconds, "End after this time; 0: when stopped")
         ->check(CLI::Range(0.0, 1e7));
+    verb->add_flag("--pedal", options->pedal, "Start and stop with the pedal whose action is `record`; FILE may hold a date");
     verb->add_flag("--force", options->force, "Overwrite an existing log");
 }
 

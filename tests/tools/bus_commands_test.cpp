@@ -16,6 +16,7 @@
 #include "core/run_hash.h"
 #include "teres/innovation_t.hpp"
 #include "teres/markers_t.hpp"
+#include "teres/pedal_t.hpp"
 #include "tests/support/private_network.h"
 #include "tests/support/program.h"
 #include "tests/support/synthetic_case.h"
@@ -147,6 +148,39 @@ TEST_F(BusCommands, RecordWritesTheChosenChannels) {
         run_teres({"record", "--url", test::kLoopbackUrl, "--seconds", "5", "--force", "-o", "/dev/full"});
     EXPECT_EQ(full.exit_code, 3);
     EXPECT_THAT(full.error, HasSubstr("No space left on device"));
+}
+
+TEST_F(BusCommands, PedalStartsAndStopsTheRecording) {
+    const Publisher publisher;
+    std::atomic<bool> stop = false;
+    std::thread foot([&] {
+        auto bus = Bus::open(test::kLoopbackUrl);
+        pedal_t pedal{};
+        pedal.pedal = "left";
+        // Marks all the time; two steps on the pedal that records, a second apart.
+        for (pedal.header.sequence = 0; bus && !stop; ++pedal.header.sequence) {
+            pedal.down = 1;
+            pedal.action = pedal.header.sequence == 12 || pedal.header.sequence == 22 ? "record" : "mark";
+            bus->publish("PEDAL", encoded(pedal));
+            std::this_thread::sleep_for(100ms);
+        }
+    });
+    const auto run = run_teres({"record", "--url", test::kLoopbackUrl, "--pedal", "--seconds", "4", "-o",
+                                file("pedal.lcm")});
+    stop = true;
+    foot.join();
+    EXPECT_EQ(run.exit_code, 0) << run.error;
+    EXPECT_THAT(run.error, HasSubstr("recording to"));
+    auto reader = LogReader::open(file("pedal.lcm"));
+    ASSERT_TRUE(reader) << reader.error().text << run.error;
+    int markers = 0, pedals = 0;
+    for (LogEvent event; reader->next(event);) {
+        markers += event.channel == "MARKERS" ? 1 : 0;
+        pedals += event.channel == "PEDAL" ? 1 : 0;
+    }
+    EXPECT_GT(markers, 10);
+    EXPECT_GE(pedals, 3) << "from one step to the next, marks between them";
+    EXPECT_LE(pedals, 14) << "it went on after the second step";
 }
 
 TEST(BusCommandUsage, BadUrlsAndOptionsAreWrongUsage) {

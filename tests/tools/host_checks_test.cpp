@@ -39,7 +39,7 @@ class HostChecks : public testing::Test {
     Check sysctl(const std::string& name) { return named(check_network(Config{}, host_), name); }
 
     test::ScratchFolder scratch_;
-    HostView host_{scratch_.path() / "proc", scratch_.path() / "dev"};
+    HostView host_{scratch_.path() / "proc", scratch_.path() / "dev", scratch_.path() / "sys", scratch_.path()};
 };
 
 TEST_F(HostChecks, RecommendedKernelSettingsAreOk) {
@@ -79,6 +79,25 @@ TEST_F(HostChecks, NodeThatIsNoCameraIsToldApart) {
     const Check check = named(check_devices(Config{}, host_), "video video0");
     EXPECT_EQ(check.state, CheckState::kWarn);
     EXPECT_EQ(check.found, "is not a video device");
+}
+
+TEST_F(HostChecks, ServiceMustStartOnBootAndRun) {
+    EXPECT_EQ(named(check_appliance(host_), "service").found, "not installed on this machine");
+    const auto touch = [&](const std::string& file) {
+        std::filesystem::create_directories((scratch_.path() / file).parent_path());
+        std::ofstream(scratch_.path() / file) << "x";
+    };
+    for (const char* unit : {"teres", "teres-multicast", "teres-firewall"})
+        touch(std::string("usr/lib/systemd/system/") + unit + ".service");
+    EXPECT_EQ(named(check_appliance(host_), "teres.service").remedy, "systemctl enable --now teres.service");
+    touch("etc/systemd/system/multi-user.target.wants/teres.service");
+    EXPECT_EQ(named(check_appliance(host_), "teres.service").found, "is not running");
+    touch("run/systemd/units/invocation:teres.service");
+    EXPECT_EQ(named(check_appliance(host_), "teres.service").state, CheckState::kOk);
+    EXPECT_EQ(named(check_appliance(host_), "teres-firewall.service").state, CheckState::kFail);
+    EXPECT_EQ(named(check_appliance(host_), "access to USB devices").state, CheckState::kWarn);
+    touch("usr/lib/udev/rules.d/60-teres.rules");
+    EXPECT_EQ(named(check_appliance(host_), "access to USB devices").state, CheckState::kOk);
 }
 
 TEST_F(HostChecks, WatchdogThatWouldKillTheServiceFails) {
