@@ -23,6 +23,7 @@ int main(int argc, char** argv) {
         add_run_command(app, exit_code);
         add_estimate_command(app, exit_code);
         add_diagnose_command(app, exit_code);
+        add_effects_command(app, exit_code);
         add_settings_command(app, exit_code);
         add_bench_command(app, exit_code);
         add_bridge_command(app, exit_code);
