@@ -47,13 +47,16 @@ Scene::Scene(const Case& c, CaseModel& model, const TetherRanges& ranges, double
 void Scene::reset(double t, const std::vector<double>& region_force) {
     t_s = t;
     region_force_n = region_force;
-    auto& points = parts.body.points();
-    for (std::size_t s = 0; s < points.size(); ++s) {
-        points[s].stiffness_scale = nominal_.scale[s];
-        points[s].stiffening = 0.0;
-        points[s].prestress.clear();
+    if (body_touched) {
+        auto& points = parts.body.points();
+        for (std::size_t s = 0; s < points.size(); ++s) {
+            points[s].stiffness_scale = nominal_.scale[s];
+            points[s].stiffening = 0.0;
+            points[s].prestress.clear();
+        }
     }
-    parts.tethers = nominal_.tethers;
+    if (ties_touched) parts.tethers = nominal_.tethers;
+    body_touched = ties_touched = false;
     parts.node_mass_kg = nominal_.node_mass_kg;
     parts.gravity_m_s2 = nominal_.gravity_m_s2;
     force_n.setZero(3, parts.X.cols());

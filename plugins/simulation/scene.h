@@ -35,8 +35,16 @@ class Scene {
     Eigen::Vector3d centre = Eigen::Vector3d::Zero();
     std::vector<Eigen::Matrix3Xd> point_centre;  ///< per strain point set: where its points are at rest
 
-    // What effects may change. `parts`: stiffness_scale and stiffening of the points, tethers, gravity, node
-    // masses.
+    // What effects may change: gravity and node masses of `parts`, and
+    std::vector<StrainPoints>& body_points() {  ///< stiffness_scale, stiffening
+        body_touched = true;
+        return parts.body.points();
+    }
+    std::vector<Tether>& ties() {
+        ties_touched = true;
+        return parts.tethers;
+    }
+    bool body_touched = true, ties_touched = true;  ///< since the last reset
     double t_s = 0.0;
     MechanicalSystem::Parts& parts;
     std::vector<double> region_force_n;  ///< 3 per load region

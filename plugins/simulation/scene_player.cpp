@@ -1,5 +1,6 @@
 #include "plugins/simulation/scene_player.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 
@@ -23,10 +24,21 @@ Result<double> lay_clamps_on_springs(Case& c) {
     TERES_TRY_ASSIGN(const Material material, Material::make(c.body));
     const double size = (mesh.X.rowwise().maxCoeff() - mesh.X.rowwise().minCoeff()).norm(),
                  layer = kClampLayer * size;
+    std::vector<char> clamped(mesh.num_nodes(), 0);
+    for (const auto node : c.clamped) clamped[static_cast<std::size_t>(node)] = 1;
+    std::vector<double> clamped_area(mesh.num_nodes(), 0.0);  // of the clamped faces alone
+    for (const auto& f : mesh.surface) {
+        const Vector3d a = mesh.X.col(f[0]), b = mesh.X.col(f[1]), d = mesh.X.col(f[2]);
+        bool all = true;
+        for (const auto node : f) all = all && clamped[static_cast<std::size_t>(node)];
+        if (all)
+            for (const auto node : f)
+                clamped_area[static_cast<std::size_t>(node)] += (b - a).cross(d - a).norm() / 6.0;
+    }
     for (const auto node : c.clamped) {
         const auto i = static_cast<std::size_t>(node);
         const double area =
-            mesh.node_area[i] > 0.0 ? mesh.node_area[i] : std::pow(mesh.node_volume[i], 2.0 / 3.0);
+            clamped_area[i] > 0.0 ? clamped_area[i] : std::pow(mesh.node_volume[i], 2.0 / 3.0);
         SpringData spring;
         spring.node_id = node;
         spring.anchor_m = c.mesh.nodes[i];
@@ -41,6 +53,9 @@ Result<double> lay_clamps_on_springs(Case& c) {
 }  // namespace
 
 Result<std::unique_ptr<ScenePlayer>> ScenePlayer::make(const Case& c, const PlayerSettings& settings) {
+    if (settings.model.integrator == "implicit_euler")
+        return invalid_input(
+            "integrator = \"implicit_euler\" damps too strongly for trajectories: take generalised_alpha");
     std::unique_ptr<ScenePlayer> p(new ScenePlayer());
     p->case_ = c;
     p->settings_ = settings;
@@ -62,6 +77,7 @@ Result<std::unique_ptr<ScenePlayer>> ScenePlayer::make(const Case& c, const Play
     p->tracks_ = std::make_unique<LoadTracks>(p->case_);
     p->times_ = frame_times(p->case_);
     if (p->times_.empty()) return invalid_input(c.folder.string() + ": the recording has no frames");
+    for (const double t : p->times_) p->frame_loads_.push_back(p->loads_at(t));
     p->batch_.assign(p->model_->num_state() * padded_lanes(1), 0.0);
     return p;
 }
@@ -71,28 +87,31 @@ double ScenePlayer::step_s(std::size_t frame) const {
     return case_.dt_s > 0.0 ? case_.dt_s : 1.0;
 }
 
-void ScenePlayer::enter(double t_s, const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
-                        ExternalActions& actions) {
+ScenePlayer::KnownLoads ScenePlayer::loads_at(double t_s) const {
     tool_loads_t loads;
     tracks_->at(t_s, loads);
-    const std::size_t regions = model_->num_regions(), tools = model_->num_tools();
-    std::vector<double> force(3 * regions), tool(3 * tools);
-    for (std::size_t r = 0; r < regions; ++r) {
-        force[3 * r] = loads.fx_n[r];
-        force[3 * r + 1] = loads.fy_n[r];
-        force[3 * r + 2] = loads.fz_n[r];
-    }
-    for (std::size_t k = 0; k < tools; ++k) {
-        tool[3 * k] = loads.x_m[k];
-        tool[3 * k + 1] = loads.y_m[k];
-        tool[3 * k + 2] = loads.z_m[k];
-    }
-    scene_->reset(t_s, force);
+    KnownLoads out;
+    for (std::size_t r = 0; r < model_->num_regions(); ++r)
+        for (const double f : {loads.fx_n[r], loads.fy_n[r], loads.fz_n[r]}) out.region_force_n.push_back(f);
+    for (std::size_t k = 0; k < model_->num_tools(); ++k)
+        for (const double x : {loads.x_m[k], loads.y_m[k], loads.z_m[k]}) out.tool_m.push_back(x);
+    return out;
+}
+
+void ScenePlayer::enter(double t_s, const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
+                        ExternalActions& actions) {
+    const auto frame = std::lower_bound(times_.begin(), times_.end(), t_s);
+    KnownLoads between;
+    const bool at_frame = frame != times_.end() && *frame == t_s;
+    if (!at_frame) between = loads_at(t_s);
+    const KnownLoads& loads =
+        at_frame ? frame_loads_[static_cast<std::size_t>(frame - times_.begin())] : between;
+    scene_->reset(t_s, loads.region_force_n);
     for (std::size_t e = 0; e < effects.size(); ++e)
         for (const auto& on : h.effects)
             if (static_cast<std::size_t>(on.index) == e && !is_null(effects[e]->description(), on.values))
                 effects[e]->apply(on.values, *scene_);
-    model_->system().resolve(scene_->region_force_n, tool, actions);
+    model_->system().resolve(scene_->region_force_n, loads.tool_m, actions);
     actions.force_n += scene_->force_n.reshaped();
 }
 
@@ -106,7 +125,6 @@ ScenePlayer::StepResult ScenePlayer::settle(double h, const ExternalActions& act
         return {r.lanes_converged == 1, r.relative_residual};
     }
     StepResult result;
-    const std::vector<double> start = batch_;
     Eigen::VectorXd follower = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(dofs)), x(follower.size());
     for (int round = 0; round < kFollowerRounds; ++round) {
         for (std::size_t d = 0; d < dofs; ++d) x(static_cast<Eigen::Index>(d)) = batch_[d * stride];
@@ -116,10 +134,9 @@ ScenePlayer::StepResult ScenePlayer::settle(double h, const ExternalActions& act
         if (round > 0 && (follower - before).norm() <= kFollowerChange * follower.norm()) return result;
         ExternalActions loaded = actions;
         loaded.force_n += follower;
-        if (dynamic) batch_ = start;
         const EquilibriumReport r = model_->stepper().step(loaded, h, theta.data(), batch_.data(), 1);
         result = {r.lanes_converged == 1, r.relative_residual};
-        if (!result.converged) return result;
+        if (!result.converged || dynamic) return result;  // a time step takes the surface at its start
     }
     result.converged = false;
     return result;
@@ -135,7 +152,7 @@ ScenePlayer::StepResult ScenePlayer::step(double from_s, double to_s, const Hypo
     const double length = to_s - from_s, memory_length = (1.0 - model_->stepper().alpha_f()) * length;
 
     enter(to_s, h, effects, actions_);
-    memory_.enter_step(scene_->viscosity, dynamic ? memory_length : length, scene_->parts.body);
+    memory_.enter_step(scene_->viscosity, dynamic ? memory_length : length, scene_->body_points());
     model_->stepper().set_rayleigh_mass(scene_->rayleigh_mass_1_s);
     for (std::size_t d = 0; d < state_.size(); ++d)
         std::fill_n(batch_.begin() + d * stride, stride, state_[d]);

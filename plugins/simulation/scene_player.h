@@ -34,7 +34,8 @@ class ScenePlayer {
     void enter(double t_s, const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
                ExternalActions& actions);
 
-    using Visitor = std::function<void(std::size_t frame, const double* x)>;  ///< x: 3 per node
+    /// state: positions, then (dynamic) velocities and accelerations, 3 per node each.
+    using Visitor = std::function<void(std::size_t frame, const double* state)>;
     /// Plays all frames in order; `visit` sees those listed in `frames` (ascending; empty: all). guess(frame,
     /// x) may improve the start value of a quasi-static frame. A quasi-static body without memory skips other
     /// frames.
@@ -56,7 +57,12 @@ class ScenePlayer {
     PlayerSettings settings_;
     std::unique_ptr<CaseModel> model_;
     std::unique_ptr<Scene> scene_;
+    struct KnownLoads {
+        std::vector<double> region_force_n, tool_m;
+    };
+    KnownLoads loads_at(double t_s) const;
     std::unique_ptr<LoadTracks> tracks_;
+    std::vector<KnownLoads> frame_loads_;
     std::vector<double> times_;
     ViscousMemory memory_;
     std::vector<double> state_;  // one lane: 3N positions, then velocities, accelerations

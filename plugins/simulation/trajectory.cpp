@@ -17,6 +17,7 @@ using Eigen::VectorXd;
 namespace {
 
 constexpr double kDerivativeStep = 1e-3;  // of the way to the other hypothesis
+constexpr Eigen::Index kModes = 24;       // of a dynamic case
 
 // dz/dx_i of a rider z = sum w_i x_i + o n, n = c/|c|, c = (x_1 - x_0) x (x_2 - x_0):  dn = (I - n n^T)/|c|
 // dc
@@ -100,18 +101,33 @@ TrajectoryReport Trajectory::simulate(const Hypothesis& h, std::span<double> mar
         if (f > 0 && f < previous.size())
             Eigen::Map<VectorXd>(x, static_cast<Eigen::Index>(dofs)) += previous[f] - previous[f - 1];
     };
-    return player_->play(h, effects_, {}, visit, guess);
+    const TrajectoryReport report = player_->play(h, effects_, {}, visit, guess);
+    // Velocities and accelerations by differences between frames: what frames cannot resolve is not looked
+    // at.
+    const std::size_t F = base_.x.size();
+    if (player_->scene().dynamic)
+        for (std::size_t f = 0; f < F; ++f) {
+            const std::size_t m = std::clamp<std::size_t>(f, 1, std::max<std::size_t>(F, 3) - 2);
+            if (F < 3) {
+                base_.v.push_back(VectorXd::Zero(base_.x[f].size()));
+                base_.a.push_back(base_.v.back());
+                continue;
+            }
+            const double step = player_->step_s(m);
+            base_.v.push_back((base_.x[m + 1] - base_.x[m - 1]) / (2.0 * step));
+            base_.a.push_back((base_.x[m + 1] - 2.0 * base_.x[m] + base_.x[m - 1]) / (step * step));
+        }
+    return report;
 }
 
-// Gradient of tethers, obstacles, loads, tools and pressure (3N, held nodes included).
-void Trajectory::gradient_without_body(const Hypothesis& h, const ExternalActions& actions, const double* x,
-                                       VectorXd& g) const {
+// Gradient of obstacles, loads, tools, pressure and inertia (3N, held nodes included).
+void Trajectory::gradient_of_rest(const ExternalActions& actions, std::size_t frame, VectorXd& g) const {
     const Scene& scene = player_->scene();
+    const double* x = base_.x[frame].data();
     double energy = 0.0;
     g.setZero(actions.force_n.size());
-    scene.add_pressure_force(x, g.data());
+    if (scene.has_pressure()) scene.add_pressure_force(x, g.data());
     g = -(g + actions.force_n).eval();
-    add_tether_gradient(scene.parts.tethers, h.theta.data(), x, g.data(), &energy, 1, 1);
     scene.obstacles.add_gradient(x, g.data(), &energy, 1, 1);
     for (std::size_t k = 0; k < scene.parts.tools.size(); ++k) {
         const auto& tool = scene.parts.tools[k];
@@ -120,75 +136,118 @@ void Trajectory::gradient_without_body(const Hypothesis& h, const ExternalAction
             g.segment<3>(3 * tool.node) +=
                 tool.stiffness_n_per_m * (Eigen::Map<const Vector3d>(x + 3 * tool.node) - target);
     }
+    if (scene.dynamic)  // M (a + r_M v)
+        for (Eigen::Index i = 0; i < scene.parts.node_mass_kg.size(); ++i)
+            g.segment<3>(3 * i) +=
+                scene.parts.node_mass_kg(i) * (base_.a[frame].segment<3>(3 * i) +
+                                               scene.rayleigh_mass_1_s * base_.v[frame].segment<3>(3 * i));
 }
 
-// Needs player_->scene() as the base hypothesis leaves it. Fills base_.frame.
-void Trajectory::prepare_frames(bool points) const {
-    CaseModel& model = player_->model();
+void Trajectory::enter_frame(const Hypothesis& h, std::size_t f, ViscousMemory& memory,
+                             ExternalActions& actions) const {
+    player_->enter(time_s(f), h, effects_, actions);
+    Scene& scene = player_->scene();
+    if (scene.viscosity.empty()) return;
+    memory.enter_step(scene.viscosity, player_->step_s(f), scene.body_points());
+    std::vector<std::vector<double>> S;
+    for (std::size_t s = 0; s < base_.frame[f].sets.size(); ++s)
+        if (scene.parts.body.points()[s].part.shear != 0.0)
+            S.emplace_back(base_.frame[f].sets[s].S.begin(), base_.frame[f].sets[s].S.end());
+    std::vector<const std::vector<double>*> stress;
+    for (const auto& s : S) stress.push_back(&s);
+    memory.finish_step(scene.viscosity, player_->step_s(f), stress);
+}
+
+MatrixXd Trajectory::marker_rows(const double* x) const {
+    const CaseModel& model = player_->model();
     const auto& pattern = model.system().pattern();
+    MatrixXd Ht = MatrixXd::Zero(pattern.num_rows(), static_cast<Eigen::Index>(3 * num_markers()));
+    for (std::size_t m = 0; m < num_markers(); ++m) {
+        const SurfaceRider& rider = model.markers()[m];
+        const auto D = rider_derivative(rider, x);
+        for (std::size_t i = 0; i < 3; ++i)
+            if (const auto node = pattern.free_index(rider.node[i]); node >= 0)
+                Ht.block<3, 3>(3 * node, static_cast<Eigen::Index>(3 * m)) += D[i].transpose();
+    }
+    return Ht;
+}
+
+MatrixXd Trajectory::point_rows() const {
+    const CaseModel& model = player_->model();
+    const auto& pattern = model.system().pattern();
+    MatrixXd Ht = MatrixXd::Zero(pattern.num_rows(), static_cast<Eigen::Index>(3 * num_points()));
+    for (std::size_t m = 0; m < num_points(); ++m)
+        for (std::size_t i = 0; i < 4; ++i)
+            if (const auto node = pattern.free_index(model.points()[m].node[i]); node >= 0)
+                Ht.block<3, 3>(3 * node, static_cast<Eigen::Index>(3 * m)) +=
+                    model.points()[m].weight[i] * Matrix3d::Identity();
+    return Ht;
+}
+
+// Tangent of the scene as it is now; a diagonal shift where it is indefinite.
+bool Trajectory::factorise(const Hypothesis& h, const ExternalActions& actions, const VectorXd& x,
+                           Cholesky& factor) const {
+    const MechanicalSystem& system = player_->model().system();
+    std::vector<double> values;
+    const Positions positions = Eigen::Map<const Positions>(x.data(), 3, x.size() / 3);
+    if (!system.tangent(actions, {}, 0, h.theta.data(), positions, values)) return false;
+    const auto& start = system.pattern().column_start();
+    const auto rows = static_cast<std::size_t>(system.pattern().num_rows());
+    double mean = 0.0;
+    for (std::size_t j = 0; j < rows; ++j) mean += std::abs(values[static_cast<std::size_t>(start[j])]);
+    mean /= static_cast<double>(rows);
+    for (double shift = 1e-8 * mean; !factor.factorise(values) && shift < mean; shift *= 10.0)
+        for (std::size_t j = 0; j < rows; ++j) values[static_cast<std::size_t>(start[j])] += shift;
+    return factor.factorised();
+}
+
+// Fills base_.frame: stresses of every frame, compliances (one of the mean state and its modes if dynamic).
+void Trajectory::prepare_frames(bool points) const {
+    Scene& scene = player_->scene();
+    const auto& pattern = player_->model().system().pattern();
     const Hypothesis h = base_.hypothesis();
     Cholesky factor(pattern);
     ExternalActions actions;
     ViscousMemory memory;
-    std::vector<double> values;
+    std::vector<double> S, psi, F;
     base_.frame.resize(base_.x.size());
-    for (std::size_t f = 0; f < base_.x.size(); ++f) {
-        FrameState& state = base_.frame[f];
-        const double* x = base_.x[f].data();
-        player_->enter(time_s(f), h, effects_, actions);
-        Scene& scene = player_->scene();
-        memory.enter_step(scene.viscosity, player_->step_s(f), scene.parts.body);
-        const auto& sets = scene.parts.body.points();
-        state.sets.resize(sets.size());
-        std::vector<const std::vector<double>*> shear_stress;
-        for (std::size_t s = 0; s < sets.size(); ++s) {
-            elastic_stress(sets[s], scene.parts.body.material(), x, state.sets[s].S, &state.sets[s].psi,
-                           &state.sets[s].F);
-            state.sets[s].scale = sets[s].stiffness_scale;
-            state.sets[s].prestress = sets[s].prestress;
-            state.sets[s].stiffening = sets[s].stiffening;
-            if (sets[s].part.shear != 0.0) shear_stress.push_back(&state.sets[s].S);
-        }
-        memory.finish_step(scene.viscosity, player_->step_s(f), shear_stress);
-        gradient_without_body(h, actions, x, state.g_rest);
-
-        Positions positions = Eigen::Map<const Positions>(x, 3, base_.x[f].size() / 3);
-        model.system().tangent(actions, {}, 0, h.theta.data(), positions, values);
-        const auto& start = pattern.column_start();
-        double mean = 0.0;
-        for (Eigen::Index j = 0; j < pattern.num_rows(); ++j) mean += std::abs(values[start[j]]);
-        mean /= static_cast<double>(pattern.num_rows());
-        for (double shift = 1e-8 * mean; !factor.factorise(values) && shift < mean; shift *= 10.0)
-            for (Eigen::Index j = 0; j < pattern.num_rows(); ++j) values[start[j]] += shift;
-        if (!factor.factorised()) {
-            state.C.resize(0, 0);
-            continue;
-        }
-        const auto row_of = [&](NodeIndex node) {
-            return 3 * static_cast<Eigen::Index>(pattern.free_index(node));
-        };
+    VectorXd mean = VectorXd::Zero(base_.x.front().size());
+    const auto solve = [&](const VectorXd& x, FrameState& state) {
+        if (!factorise(h, actions, x, factor)) return;
         if (!base_.with_markers) {
-            MatrixXd Ht = MatrixXd::Zero(pattern.num_rows(), static_cast<Eigen::Index>(3 * num_markers()));
-            for (std::size_t m = 0; m < num_markers(); ++m) {
-                const SurfaceRider& rider = model.markers()[m];
-                const auto D = rider_derivative(rider, x);
-                for (std::size_t i = 0; i < 3; ++i)
-                    if (const auto row = row_of(rider.node[i]); row >= 0)
-                        Ht.block<3, 3>(row, static_cast<Eigen::Index>(3 * m)) += D[i].transpose();
-            }
+            MatrixXd Ht = marker_rows(x.data());
             factor.solve(Ht);
             state.C = Ht.transpose().cast<float>();
         }
         if (points) {
-            MatrixXd Ht = MatrixXd::Zero(pattern.num_rows(), static_cast<Eigen::Index>(3 * num_points()));
-            for (std::size_t m = 0; m < num_points(); ++m)
-                for (std::size_t i = 0; i < 4; ++i)
-                    if (const auto row = row_of(model.points()[m].node[i]); row >= 0)
-                        Ht.block<3, 3>(row, static_cast<Eigen::Index>(3 * m)) +=
-                            model.points()[m].weight[i] * Matrix3d::Identity();
+            MatrixXd Ht = point_rows();
             factor.solve(Ht);
             state.C_points = Ht.transpose().cast<float>();
         }
+    };
+    for (std::size_t f = 0; f < base_.x.size(); ++f) {
+        FrameState& state = base_.frame[f];
+        const auto& sets = scene.parts.body.points();
+        if (state.sets.empty())
+            for (const auto& set : sets) {
+                elastic_stress(set, scene.parts.body.material(), base_.x[f].data(), S, &psi, &F);
+                state.sets.push_back({{S.begin(), S.end()}, {psi.begin(), psi.end()}, {F.begin(), F.end()}});
+            }
+        mean += base_.x[f] / static_cast<double>(base_.x.size());
+        enter_frame(h, f, memory, actions);
+        if (!scene.dynamic) solve(base_.x[f], state);
+    }
+    if (scene.dynamic) {
+        player_->enter(time_s(base_.x.size() - 1), h, effects_, actions);  // without memory
+        solve(mean, base_.frame.front());
+        if (!factor.factorised()) return;
+        VectorXd mass(pattern.num_rows());
+        for (Eigen::Index i = 0; i < scene.parts.node_mass_kg.size(); ++i)
+            if (const auto node = pattern.free_index(static_cast<NodeIndex>(i)); node >= 0)
+                mass.segment<3>(3 * node).setConstant(scene.parts.node_mass_kg(i));
+        base_.modal = std::make_unique<ModalResponse>(factor, mass, kModes);
+        base_.modal_markers = marker_rows(mean.data()).transpose() * base_.modal->modes();
+        base_.modal_points = point_rows().transpose() * base_.modal->modes();
     }
     base_.with_markers = true;
     base_.with_points = base_.with_points || points;
@@ -197,30 +256,43 @@ void Trajectory::prepare_frames(bool points) const {
 // dg = g(x; scene as it is now) - g(x; base). Points of the body whose coefficients are the base's are not
 // touched:
 //     P = F ( s (1 + b psi) S_e + S0 )
-void Trajectory::change_of_gradient(const FrameState& base, const VectorXd& g_rest, VectorXd& dg) const {
+void Trajectory::change_of_gradient(const Hypothesis& h, const ExternalActions& actions, std::size_t frame,
+                                    const Coefficients& base, VectorXd& dg) const {
     const Scene& scene = player_->scene();
-    dg = g_rest - base.g_rest;
+    gradient_of_rest(actions, frame, dg);
+    dg -= base.g_rest;
+    const bool same_theta =
+        std::equal(h.theta.begin(), h.theta.end(), base_.theta.begin(), base_.theta.end());
+    if (scene.ties_touched || base.ties_touched || !same_theta) {
+        double energy = 0.0;
+        dg -= base.g_ties;
+        add_tether_gradient(scene.parts.tethers, h.theta.data(), base_.x[frame].data(), dg.data(), &energy, 1,
+                            1);
+    }
+    if (!scene.body_touched && !base.body_touched) return;
     const auto& sets = scene.parts.body.points();
     for (std::size_t s = 0; s < sets.size(); ++s) {
         const StrainPoints& now = sets[s];
-        const SetState& was = base.sets[s];
+        const BodyState& state = base_.frame[frame].sets[s];
+        const auto &scale = base.scale[s], &prestress = base.prestress[s];
         const double mu = now.part.shear * scene.parts.body.material().mu();
         const double b_now = now.stiffening != 0.0 ? now.stiffening / mu : 0.0,
-                     b_was = was.stiffening != 0.0 ? was.stiffening / mu : 0.0;
+                     b_was = base.stiffening[s] != 0.0 ? base.stiffening[s] / mu : 0.0;
+        const bool past = !now.prestress.empty() || !prestress.empty();
         for (std::size_t q = 0; q < now.size(); ++q) {
-            const double c = now.stiffness_scale[q] * (1.0 + b_now * was.psi[q]) -
-                             was.scale[q] * (1.0 + b_was * was.psi[q]);
-            const bool past = !now.prestress.empty() || !was.prestress.empty();
+            const double psi = state.psi[q];
+            const double c = now.stiffness_scale[q] * (1.0 + b_now * psi) - scale[q] * (1.0 + b_was * psi);
             if (c == 0.0 && !past) continue;
             double S[6];
             for (std::size_t i = 0; i < 6; ++i) {
-                S[i] = c * was.S[6 * q + i];
+                S[i] = c * state.S[6 * q + i];
                 if (!now.prestress.empty()) S[i] += now.prestress[6 * q + i];
-                if (!was.prestress.empty()) S[i] -= was.prestress[6 * q + i];
+                if (!prestress.empty()) S[i] -= prestress[6 * q + i];
             }
             Matrix3d S2;
             S2 << S[0], S[3], S[4], S[3], S[1], S[5], S[4], S[5], S[2];
-            const Matrix3d P = now.volume[q] * Eigen::Map<const Matrix3d>(&was.F[9 * q]) * S2;
+            const Matrix3d F = Eigen::Map<const Eigen::Matrix3f>(&state.F[9 * q]).cast<double>();
+            const Matrix3d P = now.volume[q] * F * S2;
             for (auto i = static_cast<std::size_t>(now.offset[q]);
                  i < static_cast<std::size_t>(now.offset[q + 1]); ++i)
                 dg.segment<3>(3 * now.node[i]) += P * Eigen::Map<const Vector3d>(&now.gradient[3 * i]);
@@ -265,45 +337,79 @@ Trajectory::Point Trajectory::toward(const Hypothesis& other, double share) cons
 
 bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<double> markers_m,
                              std::span<double> points_m) noexcept {
-    if (base_.x.empty() || player_->scene().dynamic) return false;
+    if (base_.x.empty()) return false;
     const std::size_t F = num_frames(), M = 3 * num_markers(), P = 3 * num_points();
+    const bool with_points = !points_m.empty();
     TERES_CHECK(markers_m.size() == others.size() * F * M);
-    TERES_CHECK(points_m.empty() || points_m.size() == others.size() * F * P);
-    if (!base_.with_markers || (!points_m.empty() && !base_.with_points)) prepare_frames(!points_m.empty());
-    for (const auto& state : base_.frame)
-        if (state.C.size() == 0) return false;
-
-    const auto& pattern = player_->model().system().pattern();
+    TERES_CHECK(!with_points || points_m.size() == others.size() * F * P);
+    if (!base_.with_markers || (with_points && !base_.with_points)) prepare_frames(with_points);
     Scene& scene = player_->scene();
-    ExternalActions actions;
-    VectorXd g_rest, dg;
-    for (std::size_t k = 0; k < others.size(); ++k) {
+    for (std::size_t f = 0; f < (scene.dynamic ? 1 : F); ++f)
+        if (base_.frame[f].C.size() == 0) return false;
+
+    struct Other {
+        Point at;
         ViscousMemory memory;
-        const Point other = toward(others[k], kDerivativeStep);
-        for (std::size_t f = 0; f < F; ++f) {
-            const FrameState& state = base_.frame[f];
-            player_->enter(time_s(f), other.hypothesis(), effects_, actions);
-            if (!scene.viscosity.empty()) {
-                memory.enter_step(scene.viscosity, player_->step_s(f), scene.parts.body);
-                std::vector<const std::vector<double>*> stress;
-                for (std::size_t s = 0; s < state.sets.size(); ++s)
-                    if (scene.parts.body.points()[s].part.shear != 0.0) stress.push_back(&state.sets[s].S);
-                memory.finish_step(scene.viscosity, player_->step_s(f), stress);
-            }
-            gradient_without_body(other.hypothesis(), actions, base_.x[f].data(), g_rest);
-            change_of_gradient(state, g_rest, dg);
-            dg /= kDerivativeStep;
-            Eigen::Map<VectorXd> dz(&markers_m[(k * F + f) * M], static_cast<Eigen::Index>(M));
-            dz.setZero();
-            VectorXd dp = VectorXd::Zero(static_cast<Eigen::Index>(points_m.empty() ? 0 : P));
+        ModalResponse::State motion;
+    };
+    std::vector<Other> other(others.size());
+    for (std::size_t k = 0; k < others.size(); ++k) other[k].at = toward(others[k], kDerivativeStep);
+    const auto& pattern = player_->model().system().pattern();
+    const Hypothesis h = base_.hypothesis();
+    ViscousMemory base_memory;
+    Coefficients base;
+    ExternalActions actions;
+    VectorXd dg, force = VectorXd::Zero(pattern.num_rows()), dz, dp;
+    for (std::size_t f = 0; f < F; ++f) {
+        enter_frame(h, f, base_memory, actions);
+        const auto& sets = scene.parts.body.points();
+        base.body_touched = scene.body_touched;
+        base.ties_touched = scene.ties_touched;
+        base.scale.clear();
+        base.prestress.clear();
+        base.stiffening.clear();
+        for (const auto& set : sets) {
+            base.scale.push_back(set.stiffness_scale);
+            base.prestress.push_back(set.prestress);
+            base.stiffening.push_back(set.stiffening);
+        }
+        base.rayleigh_mass_1_s = scene.rayleigh_mass_1_s;
+        base.rayleigh_stiffness_s = 0.0;
+        for (const auto& branch : scene.viscosity)
+            if (branch.time_constant_s == 0.0) base.rayleigh_stiffness_s += branch.strength;
+        gradient_of_rest(actions, f, base.g_rest);
+        double energy = 0.0;
+        base.g_ties.setZero(base.g_rest.size());
+        add_tether_gradient(scene.parts.tethers, h.theta.data(), base_.x[f].data(), base.g_ties.data(),
+                            &energy, 1, 1);
+
+        const FrameState& state = base_.frame[scene.dynamic ? 0 : f];
+        for (std::size_t k = 0; k < others.size(); ++k) {
+            enter_frame(other[k].at.hypothesis(), f, other[k].memory, actions);
+            change_of_gradient(other[k].at.hypothesis(), actions, f, base, dg);
+            dz.setZero(static_cast<Eigen::Index>(M));
+            dp.setZero(static_cast<Eigen::Index>(with_points ? P : 0));
+            force.setZero();
             for (Eigen::Index i = 0; i < dg.size() / 3; ++i) {
-                const Eigen::Vector3f change = dg.segment<3>(3 * i).cast<float>();
-                const auto row = 3 * static_cast<Eigen::Index>(pattern.free_index(static_cast<NodeIndex>(i)));
-                if (row < 0 || change.isZero(0.0f)) continue;
-                dz -= (state.C.middleCols<3>(row) * change).cast<double>();
-                if (dp.size() > 0) dp -= (state.C_points.middleCols<3>(row) * change).cast<double>();
+                const auto node = pattern.free_index(static_cast<NodeIndex>(i));
+                if (node < 0 || dg.segment<3>(3 * i).isZero(0.0)) continue;
+                force.segment<3>(3 * node) = dg.segment<3>(3 * i) / -kDerivativeStep;
+                const Eigen::Vector3f part = force.segment<3>(3 * node).cast<float>();
+                dz += (state.C.middleCols<3>(3 * node) * part).cast<double>();
+                if (with_points) dp += (state.C_points.middleCols<3>(3 * node) * part).cast<double>();
             }
-            if (dp.size() > 0) std::copy_n(dp.data(), dp.size(), &points_m[(k * F + f) * P]);
+            if (scene.dynamic) {
+                const VectorXd modal = base_.modal->modes().transpose() * force;
+                base_.modal->advance(other[k].motion, modal, player_->step_s(f), base.rayleigh_mass_1_s,
+                                     base.rayleigh_stiffness_s);
+                const VectorXd beyond =
+                    other[k].motion.q - modal.cwiseQuotient(base_.modal->omega().cwiseAbs2());
+                dz += base_.modal_markers * beyond;
+                if (with_points) dp += base_.modal_points * beyond;
+                if (f == 0) dz.setZero(), dp.setZero();  // released as it lies
+            }
+            std::copy_n(dz.data(), M, &markers_m[(k * F + f) * M]);
+            if (with_points) std::copy_n(dp.data(), P, &points_m[(k * F + f) * P]);
         }
     }
     return true;
@@ -335,7 +441,6 @@ void Trajectory::add_variants(const Case& c, const PlayerSettings& settings) {
         change(v);
         variants_.push_back(std::move(v));
     };
-    add("10-node elements", [](Variant& v) { v.settings.model.element = ElementType::kQuadratic; });
     add("nodal shear", [](Variant& v) { v.settings.model.shear_blend = 0.1; });
     add("element shear", [](Variant& v) { v.settings.model.shear_blend = 1.0; });
     const BodyLaw law = c.body.law;

@@ -3,13 +3,15 @@
 //
 //     K_f dx = -(g(x_f; other) - g(x_f; base)),   dz_f = H_f dx = -C_f dg,   C_f = H_f K_f^-1   (3M x 3N)
 //
-// x_f: the base trajectory, H_f: derivative of the markers by the nodes. C_f is kept (single precision).
+// x_f: the base trajectory, H_f: derivative of the markers by the nodes. C_f is kept (single precision). A
+// dynamic case responds by the modes about the mean of its trajectory (modal_response.h).
 #pragma once
 
 #include <memory>
 #include <string>
 #include <vector>
 
+#include "plugins/simulation/modal_response.h"
 #include "plugins/simulation/scene_player.h"
 
 namespace teres {
@@ -73,27 +75,34 @@ class Trajectory final : public TrajectoryModel {
         PlayerSettings settings;
         std::unique_ptr<ScenePlayer> player;  // made on first use
     };
-    // What first_order() needs of the base at one frame.
-    struct SetState {
-        std::vector<double> S, psi, F;  // elastic_stress()
-        std::vector<double> scale, prestress;
-        double stiffening = 0.0;
+    // The base trajectory and what first_order() needs of it.
+    struct BodyState {  // of a set of strain points, elastic_stress()
+        std::vector<float> S, psi, F;
     };
     struct FrameState {
-        std::vector<SetState> sets;
-        Eigen::VectorXd g_rest;       // gradient of all but the body, 3N
-        Eigen::MatrixXf C, C_points;  // rows x free dofs
+        std::vector<BodyState> sets;
+        Eigen::MatrixXf C,
+            C_points;  // compliance, rows x free dofs; of a dynamic case: at the mean state, frame 0 only
     };
     struct Base {
         std::vector<double> theta;
         std::vector<std::vector<double>> values;
         std::vector<EffectInstance> effects;
-        std::vector<Eigen::VectorXd> x;  // per frame, 3N
-        std::vector<FrameState> frame;   // made on first use
+        std::vector<Eigen::VectorXd> x, v, a;         // per frame, 3N; v, a: dynamic
+        std::vector<FrameState> frame;                // made on first use
+        std::unique_ptr<ModalResponse> modal;         // dynamic
+        Eigen::MatrixXd modal_markers, modal_points;  // H phi
         bool with_markers = false, with_points = false;
         Hypothesis hypothesis() const { return {theta, effects}; }
     };
-
+    // A scene's coefficients at a frame: all that its gradient depends on besides the body's state.
+    struct Coefficients {
+        bool body_touched = false, ties_touched = false;
+        std::vector<std::vector<double>> scale, prestress;
+        std::vector<double> stiffening;
+        Eigen::VectorXd g_ties, g_rest;  // gradient of tethers, of all but body and tethers (3N)
+        double rayleigh_mass_1_s = 0.0, rayleigh_stiffness_s = 0.0;
+    };
     /// A hypothesis with its own storage.
     struct Point {
         std::vector<double> theta;
@@ -107,9 +116,16 @@ class Trajectory final : public TrajectoryModel {
     Trajectory() = default;
     void add_variants(const Case& c, const PlayerSettings& settings);
     void prepare_frames(bool points) const;
-    void gradient_without_body(const Hypothesis& h, const ExternalActions& actions, const double* x,
-                               Eigen::VectorXd& g) const;
-    void change_of_gradient(const FrameState& base, const Eigen::VectorXd& g_rest, Eigen::VectorXd& dg) const;
+    bool factorise(const Hypothesis& h, const ExternalActions& actions, const Eigen::VectorXd& x,
+                   Cholesky& factor) const;
+    Eigen::MatrixXd marker_rows(const double* x) const;  // H^T over free rows
+    Eigen::MatrixXd point_rows() const;
+    // The scene of a hypothesis at a frame of the base trajectory, with the memory it has there.
+    void enter_frame(const Hypothesis& h, std::size_t frame, ViscousMemory& memory,
+                     ExternalActions& actions) const;
+    void gradient_of_rest(const ExternalActions& actions, std::size_t frame, Eigen::VectorXd& g) const;
+    void change_of_gradient(const Hypothesis& h, const ExternalActions& actions, std::size_t frame,
+                            const Coefficients& base, Eigen::VectorXd& dg) const;
 
     std::unique_ptr<ScenePlayer> player_;
     std::vector<std::unique_ptr<Effect>> effects_;

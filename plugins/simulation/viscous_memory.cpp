@@ -48,10 +48,10 @@ void elastic_stress(const StrainPoints& set, const Material& material, const dou
     }
 }
 
-void ViscousMemory::enter_step(const std::vector<ViscousBranch>& branches, double h, Body& body) const {
+void ViscousMemory::enter_step(const std::vector<ViscousBranch>& branches, double h, std::vector<StrainPoints>& points) const {
     if (branches.empty()) return;
     std::size_t k = 0;
-    for (auto& set : body.points()) {
+    for (auto& set : points) {
         if (set.part.shear == 0.0) continue;
         double gain = 0.0;
         for (const auto& branch : branches) gain += factors(branch, h).gain;

@@ -34,7 +34,7 @@ class ViscousMemory {
     void start() { past_.clear(); }
     /// Writes the memory of `branches` into the body for a step of length h (stiffness_scale and prestress of
     /// shear sets).
-    void enter_step(const std::vector<ViscousBranch>& branches, double h, Body& body) const;
+    void enter_step(const std::vector<ViscousBranch>& branches, double h, std::vector<StrainPoints>& points) const;
     /// After the step: the elastic stress S of every shear set (in their order), at its end.
     void finish_step(const std::vector<ViscousBranch>& branches, double h,
                      const std::vector<const std::vector<double>*>& S);

@@ -22,7 +22,7 @@ class ClampCompliance final : public Effect {
     }
     void apply(std::span<const double> v, Scene& scene) const override {
         for (std::size_t k = scene.tethers.clamp_begin; k < scene.tethers.clamp_end; ++k)
-            scene.parts.tethers[k].share *= scene.clamp_layer_m / (scene.clamp_layer_m + v[0]);
+            scene.ties()[k].share *= scene.clamp_layer_m / (scene.clamp_layer_m + v[0]);
     }
 };
 

@@ -37,7 +37,7 @@ class Compressibility final : public Effect {
     void apply(std::span<const double> v, Scene& scene) const override {
         const Material& material = scene.parts.body.material();
         const double factor = volume_modulus(material, v[0]) / material.lambda();
-        for (auto& set : scene.parts.body.points())
+        for (auto& set : scene.body_points())
             if (set.part.shear == 0.0)
                 for (auto& s : set.stiffness_scale) s *= factor;
     }

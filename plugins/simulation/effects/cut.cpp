@@ -35,7 +35,7 @@ class Cut final : public Effect {
         const double loss = v[0] * ramp(scene.t_s, v[5], v[6]);
         if (loss == 0.0) return;
         const Eigen::Vector3d centre(v[1], v[2], v[3]);
-        auto& points = scene.parts.body.points();
+        auto& points = scene.body_points();
         for (std::size_t s = 0; s < points.size(); ++s)
             for (std::size_t q = 0; q < points[s].size(); ++q) {
                 const Eigen::Vector3d at = scene.point_centre[s].col(static_cast<Eigen::Index>(q));

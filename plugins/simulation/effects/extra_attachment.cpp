@@ -32,7 +32,7 @@ class ExtraAttachment final : public Effect {
             t.node = patch.node[k];
             t.share = v[0] * patch.area_m2[k];
             t.band = {scene.mesh.X.col(t.node), scene.mesh.node_normal.col(t.node), kShearRatio};
-            scene.parts.tethers.push_back(t);
+            scene.ties().push_back(t);
         }
     }
 };

@@ -29,7 +29,7 @@ class Inclusion final : public Effect {
         const double log_ratio = std::log(v[0]);
         if (log_ratio == 0.0) return;
         const Eigen::Vector3d centre(v[1], v[2], v[3]);
-        auto& points = scene.parts.body.points();
+        auto& points = scene.body_points();
         for (std::size_t s = 0; s < points.size(); ++s)
             for (std::size_t q = 0; q < points[s].size(); ++q) {
                 const Eigen::Vector3d at = scene.point_centre[s].col(static_cast<Eigen::Index>(q));

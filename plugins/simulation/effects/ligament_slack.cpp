@@ -36,7 +36,7 @@ class LigamentSlack final : public Effect {
     void apply(std::span<const double> v, Scene& scene) const override {
         const Eigen::Vector3d centre(v[2], v[3], v[4]);
         for (std::size_t k = 0; k < scene.tethers.ligament_end; ++k) {
-            Tether& t = scene.parts.tethers[k];
+            Tether& t = scene.ties()[k];
             const double w = inside(scene.mesh.X.col(t.node), centre, v[5]);
             if (t.kind == Tether::Kind::kBand) {
                 t.band.rest -= w * v[0] * t.band.normal;

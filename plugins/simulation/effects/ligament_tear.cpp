@@ -41,7 +41,7 @@ class LigamentTear final : public Effect {
         if (loss == 0.0) return;
         const Eigen::Vector3d centre(v[1], v[2], v[3]);
         for (std::size_t k = 0; k < scene.tethers.ligament_end; ++k) {
-            Tether& t = scene.parts.tethers[k];
+            Tether& t = scene.ties()[k];
             t.share *= 1.0 - loss * inside(scene.mesh.X.col(t.node), centre, v[4]);
         }
     }

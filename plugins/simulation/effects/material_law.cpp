@@ -18,7 +18,7 @@ class MaterialLaw final : public Effect {
         d_.candidates.push_back(central_candidate(d_.parameters));
     }
     void apply(std::span<const double> v, Scene& scene) const override {
-        for (auto& set : scene.parts.body.points())
+        for (auto& set : scene.body_points())
             if (set.part.shear != 0.0) set.stiffening += v[0];
     }
 };

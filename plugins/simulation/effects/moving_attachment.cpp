@@ -59,7 +59,7 @@ class MovingAttachment final : public Effect {
             b += basis[k] * Eigen::Vector3d(v[3 * k], v[3 * k + 1], v[3 * k + 2]);
         const Eigen::Vector3d tilt = Eigen::Vector3d(v[16], v[17], v[18]) / scene.size_m;
         for (std::size_t k = 0; k < scene.tethers.clamp_end; ++k) {
-            Tether& t = scene.parts.tethers[k];
+            Tether& t = scene.ties()[k];
             const Eigen::Vector3d shift = (1.0 + tilt.dot(scene.mesh.X.col(t.node) - middle_)) * b;
             t.band.rest += shift;
             t.spring.anchor += shift;

@@ -16,7 +16,7 @@ class Stiffness final : public Effect {
         d_.candidates.push_back(central_candidate(d_.parameters));
     }
     void apply(std::span<const double> v, Scene& scene) const override {
-        for (auto& set : scene.parts.body.points())
+        for (auto& set : scene.body_points())
             for (auto& s : set.stiffness_scale) s *= v[0];
     }
 };
