@@ -11,14 +11,13 @@
 #include <nlohmann/json.hpp>
 #include <random>
 
-#include "core/case/load_tracks.h"
+#include "core/case/case_writer.h"
 #include "plugins/estimator/boundary_estimator.h"
 #include "plugins/simulation/case_model.h"
 #include "plugins/simulation/cholesky.h"
 #include "tools/bench_scene.h"
 #include "tools/commands.h"
 #include "tools/plot.h"
-#include "tools/progress.h"
 
 namespace teres::tools {
 namespace {
@@ -30,7 +29,7 @@ using Clock = std::chrono::steady_clock;
 
 struct BenchOptions {
     int tetrahedra = 7500, unknowns = 8, threads = 2, frames = 150;
-    std::string law = "stvk", json_file, plot_folder;
+    std::string law = "stvk", json_file, plot_folder, case_folder;
     double relative_residual = 1e-4;
     bool scaling = false;
 };
@@ -344,10 +343,27 @@ Status plot_scaling(const json& tables, const std::string& folder) {
     return {};
 }
 
+/// The recording as a case folder, to be replayed through the whole service.
+Result<int> write_recording(const Recording& recording, const std::string& folder) {
+    Case c = recording.scene;
+    for (Eigen::Index f = 0; f < recording.markers.cols(); ++f)
+        for (std::size_t m = 0; m < c.markers.size(); ++m) {
+            const auto row = static_cast<Eigen::Index>(3 * m);
+            c.observations.push_back(
+                {static_cast<double>(f) * c.dt_s,
+                 c.markers[m].id,
+                 {recording.markers(row, f), recording.markers(row + 1, f), recording.markers(row + 2, f)}});
+        }
+    TERES_TRY(write_case(c, folder));
+    fmt::print("recording written to {}: teres replay {} --speed 1\n", folder, folder);
+    return kDone;
+}
+
 Result<int> bench(const BenchOptions& options) {
     fmt::print("recording: {} frames at 30 Hz, about {} tetrahedra ({}), {} unknowns, residual {:g}\n",
                options.frames, options.tetrahedra, options.law, options.unknowns, options.relative_residual);
     TERES_TRY_ASSIGN(const Recording recording, make_recording(options));
+    if (!options.case_folder.empty()) return write_recording(recording, options.case_folder);
     TERES_TRY_ASSIGN(const FilterRun filter, run_filter(recording, options));
     const double memory = peak_memory_mb();
     TERES_TRY_ASSIGN(const SingleRun single, run_single(recording, options, false, recording.truth.cols()));
@@ -430,7 +446,8 @@ void add_bench_command(CLI::App& app, int& exit_code) {
     CLI::App* verb =
         add_verb(app, exit_code, "bench", "Time of a filter step and of its parts, as ratios within one run",
                  "  teres bench\n  teres bench --json bench.json\n  teres bench --scaling --plot plots/\n"
-                 "  teres bench --tets 20000 --unknowns 16 --threads 1",
+                 "  teres bench --tets 20000 --unknowns 16 --threads 1\n  teres bench --frames 300 "
+                 "--write-case pull && teres replay pull --speed 1",
                  [options] {
                      const auto result = bench(*options);
                      return result ? *result : report(result.error());
@@ -457,6 +474,8 @@ void add_bench_command(CLI::App& app, int& exit_code) {
     verb->add_flag("--scaling", options->scaling,
                    "also scaling with unknowns, threads and tetrahedra (some minutes)");
     verb->add_option("--plot", options->plot_folder, "folder for plots of --scaling");
+    verb->add_option("--write-case", options->case_folder,
+                     "only write the recording as a case folder, for teres replay");
     verb->add_option("--json", options->json_file, "write all figures to this file");
 }
 

@@ -1,6 +1,7 @@
 #include "tools/replay_book.h"
 
 #include <algorithm>
+#include <limits>
 
 #include "core/log.h"
 #include "core/log_reader.h"
@@ -30,7 +31,7 @@ Status ReplayBook::read_results(const std::filesystem::path& log) {
     return {};
 }
 
-void ReplayBook::add(std::string_view channel, std::span<const std::uint8_t> data) {
+void ReplayBook::add(std::string_view channel, std::span<const std::uint8_t> data, std::int64_t received_us) {
     const std::string name(channel);
     ++messages_;
     Traffic& traffic = channels_[name];
@@ -40,14 +41,29 @@ void ReplayBook::add(std::string_view channel, std::span<const std::uint8_t> dat
     if (traffic.input) {
         const auto stamp = stamp_of(data);
         if (!stamp) return;
-        if (!stamped_) first_us_ = newest_us_ = stamp->capture_us;
+        if (!stamped_) {
+            first_us_ = newest_us_ = stamp->capture_us;
+            first_received_us_ = received_us;
+        }
         stamped_ = true;
         newest_us_ = std::max(newest_us_, stamp->capture_us);
         return;
     }
     if (name == kHealthChannel) return;
+    if (name == kEstimateChannel)
+        if (const auto stamp = stamp_of(data)) estimates_.emplace_back(stamp->capture_us, received_us);
     hash_.add(channel, data);
     if (recorded_.count(name) > 0) replayed_[name].push_back(hash_of(channel, data));
+}
+
+double ReplayBook::latency_ms(double quantile, double speed) const {
+    std::vector<double> ms;
+    for (const auto& [stamp_us, received_us] : estimates_)
+        ms.push_back(1e-3 * (static_cast<double>(received_us - first_received_us_) -
+                             static_cast<double>(stamp_us - first_us_) / speed));
+    if (ms.empty()) return std::numeric_limits<double>::quiet_NaN();
+    std::sort(ms.begin(), ms.end());
+    return ms[static_cast<std::size_t>(quantile * static_cast<double>(ms.size() - 1) + 0.5)];
 }
 
 std::vector<ReplayBook::Comparison> ReplayBook::compare() const {

@@ -20,6 +20,7 @@ namespace teres::tools {
 inline constexpr const char* kInputChannels = "MARKERS|TOOL_LOADS|CAMERA_.*|PEDAL";
 inline constexpr const char* kResultChannels = "BOUNDARY_ESTIMATE|LIVER_STATE|INNOVATION|GAP";
 inline constexpr const char* kHealthChannel = "HEALTH";
+inline constexpr const char* kEstimateChannel = "BOUNDARY_ESTIMATE";
 
 class ReplayBook {
   public:
@@ -35,8 +36,11 @@ class ReplayBook {
     ReplayBook();
     /// [setup] Fingerprints of the results in a log, for compare(). Errors: as LogReader::open.
     Status read_results(const std::filesystem::path& log);
-    /// [loop]
-    void add(std::string_view channel, std::span<const std::uint8_t> data);
+    /// [loop] received_us: on the monotonic clock.
+    void add(std::string_view channel, std::span<const std::uint8_t> data, std::int64_t received_us);
+    /// From the capture stamp of a frame to its published estimate [ms], at `speed` times real time (> 0): the share
+    /// `quantile` of the frames took no longer. The recording's clock is set by its first input. NaN: no estimates.
+    double latency_ms(double quantile, double speed) const;
 
     std::string hash() const { return hash_.text(); }
     std::int64_t messages() const { return messages_; }
@@ -50,7 +54,8 @@ class ReplayBook {
     RunHash hash_;
     std::int64_t messages_ = 0;
     bool stamped_ = false;
-    std::int64_t first_us_ = 0, newest_us_ = 0;
+    std::int64_t first_us_ = 0, newest_us_ = 0, first_received_us_ = 0;
+    std::vector<std::pair<std::int64_t, std::int64_t>> estimates_;  // capture stamp, received [us]
     std::map<std::string, Traffic, std::less<>> channels_;
     std::map<std::string, std::vector<std::uint64_t>, std::less<>> recorded_,
         replayed_;  // one hash a message

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <cmath>
 #include <cstdio>
 #include <memory>
 #include <optional>
@@ -85,7 +86,7 @@ int replay(const ReplayOptions& options) {
     const Status heard =
         (*session)->subscribe(".*", kMaxMessageBytes,
                               [&](std::string_view channel, std::span<const std::uint8_t> data,
-                                  std::int64_t) { book.add(channel, data); });
+                                  std::int64_t) { book.add(channel, data, monotonic_us()); });
     if (!heard) return report(heard.error());
     if (const Status started = (*session)->start(); !started) return report(started.error());
 
@@ -104,6 +105,10 @@ int replay(const ReplayOptions& options) {
     (*session)->stop();
     if (show) std::fprintf(stderr, "\r\033[K");
     print_summary(book, **session, static_cast<double>(monotonic_us() - start_us) * 1e-6);
+    if (options.speed > 0.0 && std::isfinite(book.latency_ms(0.5, options.speed)))
+        std::printf("capture to estimate: %.1f ms median, %.1f ms p95, %.1f ms p99, %.1f ms worst\n",
+                    book.latency_ms(0.5, options.speed), book.latency_ms(0.95, options.speed),
+                    book.latency_ms(0.99, options.speed), book.latency_ms(1.0, options.speed));
     if (!run) return report(run.error());
     if (signals.stop())
         return report({ErrorKind::kNotUsable, "replay: stopped before the end of the recording"});
