@@ -46,6 +46,7 @@ inline constexpr int kDeepQueue = 1000;
 void add_atlas_command(CLI::App& app, int& exit_code);
 void add_bench_command(CLI::App& app, int& exit_code);
 void add_bridge_command(CLI::App& app, int& exit_code);
+void add_blindtest_command(CLI::App& app, int& exit_code);
 void add_doctor_command(CLI::App& app, int& exit_code);
 void add_mesh_command(CLI::App& app, int& exit_code);
 void add_effects_command(CLI::App& app, int& exit_code);

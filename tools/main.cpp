@@ -29,6 +29,7 @@ int main(int argc, char** argv) {
         add_bridge_command(app, exit_code);
         add_doctor_command(app, exit_code);
         add_score_command(app, exit_code);
+        add_blindtest_command(app, exit_code);
         add_spy_command(app, exit_code);
         add_simulate_command(app, exit_code);
         try {

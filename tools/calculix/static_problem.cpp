@@ -1,4 +1,4 @@
-#include "tests/support/calculix.h"
+#include "tools/calculix/static_problem.h"
 
 #include <algorithm>
 #include <chrono>
@@ -10,7 +10,7 @@
 #include <sstream>
 #include <utility>
 
-namespace teres::test {
+namespace teres::calculix {
 namespace {
 
 using Edge = std::pair<std::int32_t, std::int32_t>;
@@ -30,12 +30,6 @@ std::map<Edge, std::int32_t> mid_edge_nodes(const CalculixProblem& problem) {
     auto next = static_cast<std::int32_t>(problem.nodes.size());
     for (auto& [ends, id] : mid) id = next++;
     return mid;
-}
-
-std::string number(double value) {
-    char text[32];
-    std::snprintf(text, sizeof text, "%.12g", value);
-    return text;
 }
 
 Status check(const CalculixProblem& problem) {
@@ -80,25 +74,6 @@ Status check(const CalculixProblem& problem) {
     return {};
 }
 
-std::string material_card(const CalculixMaterial& m) {
-    std::string text = "*MATERIAL, NAME=M\n";
-    switch (m.law) {
-        case CalculixMaterial::Law::kLinear:
-            text += "*ELASTIC\n" + number(m.youngs_modulus_pa) + ", " + number(m.poissons_ratio) + "\n";
-            break;
-        case CalculixMaterial::Law::kNeoHookean:  // C10 = mu/2, D1 = 2/K
-            text += "*HYPERELASTIC, NEO HOOKE\n" + number(0.5 * m.shear_modulus_pa()) + ", " +
-                    number(2.0 / m.bulk_modulus_pa()) + "\n";
-            break;
-        case CalculixMaterial::Law::kOgden:  // mu1 = G, D1 = 2/K
-            text += "*HYPERELASTIC, OGDEN, N=1\n" + number(m.shear_modulus_pa()) + ", " + number(m.alpha) +
-                    ", " + number(2.0 / m.bulk_modulus_pa()) + "\n";
-            break;
-    }
-    if (m.density_kg_m3 > 0.0) text += "*DENSITY\n" + number(m.density_kg_m3) + "\n";
-    return text + "*SOLID SECTION, ELSET=BODY, MATERIAL=M\n";
-}
-
 double area(const CalculixProblem& problem, const std::array<std::int32_t, 3>& face) {
     const Point &a = problem.nodes[face[0]], &b = problem.nodes[face[1]], &c = problem.nodes[face[2]];
     Point n{};
@@ -133,18 +108,6 @@ Result<std::map<std::int32_t, Point>> nodal_loads(const CalculixProblem& problem
     return loads;
 }
 
-// The three numbers of a row; Fortran drops the E of a three-digit exponent.
-double fortran_number(std::string text) {
-    const std::size_t sign = text.find_last_of("+-");
-    if (sign != std::string::npos && sign > 0 &&
-        std::isdigit(static_cast<unsigned char>(text[sign - 1])) != 0) {
-        text.insert(sign, "E");
-    }
-    char* end = nullptr;
-    const double value = std::strtod(text.c_str(), &end);
-    return end == text.c_str() + text.size() && !text.empty() ? value : std::nan("");
-}
-
 // Sets HELD1..3 (the nodes whose displacement along axis 1..3 is zero), HELD (their union) and the boundary
 // condition.
 std::string held_cards(const CalculixProblem& problem, const std::map<Edge, std::int32_t>& mid) {
@@ -174,16 +137,7 @@ std::string held_cards(const CalculixProblem& problem, const std::map<Edge, std:
     return text + all + "*BOUNDARY\n" + conditions;
 }
 
-std::string read_text(const std::filesystem::path& path) {
-    std::ifstream file(path);
-    return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
-}
-
 }  // namespace
-
-bool calculix_available() {
-    return std::system("ccx -v > /dev/null 2>&1; test $? -ne 127") == 0;
-}
 
 Result<std::string> calculix_input(const CalculixProblem& problem) {
     TERES_TRY(check(problem));
@@ -212,7 +166,7 @@ Result<std::string> calculix_input(const CalculixProblem& problem) {
         out << "\n";
     }
     out << "*NSET, NSET=CORNERS, GENERATE\n1, " << problem.nodes.size() << ", 1\n"
-        << material_card(problem.material) << held_cards(problem, mid);
+        << material_card(problem.material, "M", "BODY") << held_cards(problem, mid);
     out << "*STEP, INC=1000" << (problem.large_displacements ? ", NLGEOM" : "") << "\n*STATIC\n"
         << number(1.0 / problem.increments) << ", 1.0\n";
     if (problem.large_displacements) {
@@ -236,54 +190,15 @@ Result<std::string> calculix_input(const CalculixProblem& problem) {
     return out.str();
 }
 
-Result<std::map<std::int32_t, Point>> last_block(const std::string& dat, const std::string& title) {
-    const std::size_t start = dat.rfind("\n " + title);
-    if (start == std::string::npos) return not_usable("no block '" + title + "' in the .dat file");
-    std::istringstream lines(dat.substr(start + 1));
-    std::string line;
-    std::getline(lines, line);
-    std::map<std::int32_t, Point> rows;
-    while (std::getline(lines, line)) {
-        if (line.find_first_not_of(" \r") == std::string::npos) {
-            if (rows.empty()) continue;
-            break;
-        }
-        // Fixed columns: I10, then 14 characters per number.
-        if (line.size() < 10 + 3 * 14) return not_usable("short row in the .dat file: '" + line + "'");
-        Point values{};
-        for (int i = 0; i < 3; ++i) {
-            std::string field = line.substr(10 + 14 * static_cast<std::size_t>(i), 14);
-            field.erase(std::remove(field.begin(), field.end(), ' '), field.end());
-            values[i] = fortran_number(field);
-            if (!std::isfinite(values[i])) return not_usable("not a number in the .dat file: '" + line + "'");
-        }
-        rows[static_cast<std::int32_t>(std::strtol(line.substr(0, 10).c_str(), nullptr, 10)) - 1] = values;
-    }
-    return rows;
-}
-
 Result<CalculixSolution> solve_with_calculix(const CalculixProblem& problem,
                                              const std::filesystem::path& scratch) {
-    if (!calculix_available()) return host_fault("program 'ccx' not found; apt-get install calculix-ccx");
     TERES_TRY_ASSIGN(const std::string input, calculix_input(problem));
     std::ofstream(scratch / "job.inp") << input;
-    const auto start = std::chrono::steady_clock::now();
-    const std::string command = "cd '" + scratch.string() +
-                                "' && OMP_NUM_THREADS=" + std::to_string(problem.threads) +
-                                " nice -n 10 ccx -i job > job.log 2>&1";
-    const int code = std::system(command.c_str());
-    const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
-    const std::string log = read_text(scratch / "job.log");
-    if (code != 0 || log.find("*ERROR") != std::string::npos ||
-        log.find("Job finished") == std::string::npos) {
-        return not_usable("ccx failed; its last words:\n" +
-                          log.substr(log.size() > 1500 ? log.size() - 1500 : 0));
-    }
-    const std::string dat = read_text(scratch / "job.dat");
-    TERES_TRY_ASSIGN(const auto moved, last_block(dat, "displacements"));
-    TERES_TRY_ASSIGN(const auto reactions, last_block(dat, "forces"));
+    TERES_TRY_ASSIGN(const CalculixRun run, run_calculix(scratch, "job", problem.threads, 3600.0));
+    TERES_TRY_ASSIGN(const auto moved, last_block(run.dat, "displacements"));
+    TERES_TRY_ASSIGN(const auto reactions, last_block(run.dat, "forces"));
     CalculixSolution solution;
-    solution.seconds = elapsed.count();
+    solution.seconds = run.seconds;
     solution.num_nodes = problem.nodes.size() + (problem.quadratic ? mid_edge_nodes(problem).size() : 0);
     solution.displacement_m.assign(problem.nodes.size(), Point{});
     if (moved.size() != problem.nodes.size()) {
@@ -297,4 +212,4 @@ Result<CalculixSolution> solve_with_calculix(const CalculixProblem& problem,
     return solution;
 }
 
-}  // namespace teres::test
+}  // namespace teres::calculix

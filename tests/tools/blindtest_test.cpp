@@ -1,0 +1,342 @@
+// Blind test: generator, seal, scoring, merging.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <fstream>
+#include <map>
+#include <numbers>
+#include <set>
+
+#include "core/case/case_reader.h"
+#include "core/case/geometry.h"
+#include "core/case/mesh_checks.h"
+#include "core/case/text_file.h"
+#include "core/case/text_writer.h"
+#include "tests/support/calculix.h"
+#include "tests/support/program.h"
+#include "tests/support/synthetic_case.h"
+#include "tests/support/test_data.h"
+#include "tools/blindtest/case_maker.h"
+#include "tools/blindtest/lattice_mesher.h"
+#include "tools/blindtest/score_report.h"
+#include "tools/blindtest/scoring.h"
+
+namespace teres::blindtest {
+namespace {
+
+namespace fs = std::filesystem;
+using test::ScratchFolder;
+
+// Published first outputs of SplitMix64 from seed 1234567.
+TEST(Random, IsSplitMix64) {
+    Random random(1234567, {});
+    EXPECT_EQ(random.bits(), 6457827717110365317ULL);
+    EXPECT_EQ(random.bits(), 3203168211198807973ULL);
+    EXPECT_EQ(random.bits(), 9817491932198370423ULL);
+}
+
+TEST(LatticeMesher, FillsABall) {
+    const double radius = 0.05;
+    const auto ball = [&](const Point& p) { return norm(p) - radius; };
+    const TetMeshData mesh = mesh_level_set(ball, {{-0.06, -0.06, -0.06}, {0.06, 0.06, 0.06}, 0.014, {0.0, 0.6, 0.8}, 0.4});
+    EXPECT_TRUE(check_body_mesh(mesh, "ball"));
+    double volume = 0.0, worst = 1.0;
+    for (std::size_t t = 0; t < mesh.tets.size(); ++t) {
+        volume += signed_volume_m3(mesh, t);
+        const auto p = [&](std::size_t i) { return mesh.nodes[static_cast<std::size_t>(mesh.tets[t][i])]; };
+        worst = std::min(worst, radius_ratio(p(0), p(1), p(2), p(3)));
+        EXPECT_GT(signed_volume_m3(mesh, t), 0.0);
+    }
+    EXPECT_NEAR(volume, 4.0 / 3.0 * std::numbers::pi * std::pow(radius, 3), 0.04 * volume);  // chords of the sphere
+    EXPECT_GT(worst, 0.25);
+    const Surface surface(mesh);
+    for (const std::int32_t id : surface.nodes())
+        EXPECT_NEAR(norm(mesh.nodes[static_cast<std::size_t>(id)]), radius, 1e-5);
+}
+
+// A cut right through a 2 x 1 x 1 block of cubes parts it: the four nodes of the middle face are doubled.
+TEST(TruthMesh, CutThroughPartsTheBody) {
+    TruthMesh mesh(test::block_mesh({0.02, 0.01, 0.01}, {2, 1, 1}));
+    const std::size_t before = mesh.corners().nodes.size();
+    EXPECT_EQ(mesh.cut({0.01, 0.005, 0.005}, {1.0, 0.0, 0.0}, 1.0), 2u);
+    EXPECT_EQ(mesh.corners().nodes.size(), before + 4);
+    EXPECT_FALSE(check_body_mesh(mesh.corners(), "parted"));
+}
+
+// A cut that ends inside opens the surface but the body stays in one piece.
+TEST(TruthMesh, CutOfAnEdgeStaysConnected) {
+    TruthMesh mesh(test::block_mesh({0.02, 0.02, 0.02}, {4, 4, 4}));
+    EXPECT_GT(mesh.cut({0.01, 0.0, 0.0}, {1.0, 0.0, 0.0}, 0.011), 0u);
+    std::set<std::array<std::int32_t, 4>> tets(mesh.corners().tets.begin(), mesh.corners().tets.end());
+    EXPECT_EQ(tets.size(), 6u * 64u);
+    EXPECT_GT(mesh.corners().nodes.size(), 125u);
+}
+
+TEST(Plan, SameSeedSameCasesAndShardsAddUp) {
+    PlanOptions options{.seed = 5, .cases = 58, .two_causes = 7};
+    const auto whole = plan_cases(options), again = plan_cases(options);
+    ASSERT_TRUE(whole && again);
+    std::vector<CaseSpec> joined;
+    options.shards = 4;
+    for (options.shard = 0; options.shard < 4; ++options.shard) {
+        const auto part = plan_cases(options);
+        ASSERT_TRUE(part);
+        joined.insert(joined.end(), part->begin(), part->end());
+    }
+    ASSERT_EQ(whole->size(), 65u);
+    ASSERT_EQ(joined.size(), 65u);
+    std::map<std::string, int> count;
+    for (std::size_t i = 0; i < 65; ++i) {
+        for (const auto* other : {&(*again)[i], &joined[i]}) {
+            EXPECT_EQ((*whole)[i].name, other->name);
+            EXPECT_EQ((*whole)[i].effects, other->effects);
+            EXPECT_EQ((*whole)[i].clamped, other->clamped);
+        }
+        if (i < 58) ++count[cause_name((*whole)[i].effects)];
+        else EXPECT_EQ((*whole)[i].effects.size(), 2u);
+    }
+    EXPECT_EQ(count.size(), 27u);
+    EXPECT_EQ(count["none"], 6);
+    EXPECT_EQ(count["cut"], 2);
+}
+
+TEST(Plan, RejectsNonsense) {
+    EXPECT_FALSE(plan_cases({.cases = 0}));
+    EXPECT_FALSE(plan_cases({.shard = 4, .shards = 4}));
+    const auto unknown = plan_cases({.effects = {"ghost"}});
+    ASSERT_FALSE(unknown);
+    EXPECT_THAT(unknown.error().text, ::testing::HasSubstr("'ghost'"));
+}
+
+TEST(Seal, IsSha256) {  // FIPS 180-2, appendix B.1
+    EXPECT_EQ(sha256("abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+}
+
+// By hand: d = (3, 4) in two frames, explained direction (1, 1): the rest is (-0.5, 0.5).
+TEST(Gap, LeavesOutWhatTheLigamentExplains) {
+    const auto one_marker = [](double a, double b) { return Frames{{{a, 0.0, 0.0}}, {{b, 0.0, 0.0}}}; };
+    const Frames d = one_marker(3.0, 4.0);
+    EXPECT_NEAR(unexplained_rms(d, {}), std::sqrt(12.5), 1e-12);
+    EXPECT_NEAR(unexplained_rms(d, {one_marker(1.0, 1.0)}), 0.5, 1e-12);
+    EXPECT_NEAR(unexplained_rms(d, {one_marker(1.0, 1.0), one_marker(2.0, 2.0)}), 0.5, 1e-12);  // the same twice
+    EXPECT_NEAR(unexplained_rms(d, {one_marker(1.0, 1.0), one_marker(1.0, 0.0)}), 0.0, 1e-12);
+}
+
+SensorState linear_motion(const Case& c) {  // every marker moves at 1 mm per frame along x
+    SensorState state;
+    for (int k = 0; k < 12; ++k) {
+        state.seen.emplace_back();
+        for (const MarkerRest& m : c.markers) state.seen.back().push_back(plus(m.position_m, {0.001 * k, 0.0, 0.0}));
+    }
+    return state;
+}
+
+Case camera_case() {
+    Case c = test::clamped_block();
+    c.sensor.camera_position_m = Point{0.05, 0.0, 0.4};
+    c.sensor.view_direction = Point{0.0, 0.0, -1.0};
+    return c;
+}
+
+TEST(SensorEffects, AreWhatTheySay) {
+    const Case c = camera_case();
+    const SensorState before = linear_motion(c);
+    Random random(3, {});
+    {
+        SensorState s = before;  // a rigid motion keeps distances
+        draw_sensor("registration", random, c, s);
+        EXPECT_NEAR(distance(s.seen[4][0], s.seen[9][5]), distance(before.seen[4][0], before.seen[9][5]), 1e-12);
+        EXPECT_GT(distance(s.seen[4][0], before.seen[4][0]), 5e-4);
+    }
+    {
+        SensorState s = before;  // a steady motion lags by velocity x latency
+        const EffectTruth truth = draw_sensor("latency", random, c, s);
+        EXPECT_NEAR(before.seen[8][2][0] - s.seen[8][2][0], 0.001 / c.dt_s * truth.parameters["latency_s"].get<double>(), 1e-9);
+    }
+    {
+        SensorState s = before;  // markers stay on their rays
+        draw_sensor("depth_scale", random, c, s);
+        const Point a = minus(s.seen[3][1], *c.sensor.camera_position_m), b = minus(before.seen[3][1], *c.sensor.camera_position_m);
+        EXPECT_LT(norm(cross(a, b)), 1e-12);
+        EXPECT_GT(std::abs(norm(a) - norm(b)), 5e-4);
+    }
+    {
+        SensorState s = before;  // only the named markers, only from the onset
+        const EffectTruth truth = draw_sensor("marker_slip", random, c, s);
+        for (std::size_t k = 0; k < s.seen.size(); ++k)
+            for (std::size_t m = 0; m < c.markers.size(); ++m) {
+                const bool named = std::count(truth.markers.begin(), truth.markers.end(), c.markers[m].id) != 0;
+                if (!named || static_cast<double>(k) * c.dt_s < *truth.onset_s - 1e-9) EXPECT_EQ(s.seen[k][m], before.seen[k][m]);
+            }
+    }
+}
+
+std::string gap_json(const std::string& causes, double unknown, double none, double gap = 1.0) {
+    return R"({"format":"teres-gap-1","gap":{"rms_mm":)" + std::to_string(gap) + R"(},"where":{"center_m":[0.01,0,0],"onset_s":null},"causes":[)" +
+           causes + R"(],"unknown_probability":)" + std::to_string(unknown) + R"(,"none_probability":)" + std::to_string(none) +
+           R"(,"shrinkage":{"fraction":0.8,"ci95":[0.7,0.9]}})";
+}
+std::string cause(const std::string& ids, double probability) {
+    return R"({"effects":[)" + ids + R"(],"probability":)" + std::to_string(probability) + "}";
+}
+
+TEST(Scoring, ReadsTheContract) {
+    const auto answer = parse_answer(gap_json(cause(R"("pressure")", 0.2) + "," + cause(R"("latency","gravity")", 0.5), 0.2, 0.1), "f");
+    ASSERT_TRUE(answer) << answer.error().text;
+    EXPECT_EQ(answer->best().first, "gravity+latency");  // sorted ids, most probable first
+    EXPECT_EQ(answer->causes[1].first, "pressure");
+    EXPECT_DOUBLE_EQ((*answer->center_m)[0], 0.01);
+    EXPECT_FALSE(answer->onset_s);
+    EXPECT_FALSE(parse_answer(gap_json(cause(R"("pressure")", 0.2), 0.2, 0.1), "f"));  // sums to 0.5
+    EXPECT_FALSE(parse_answer("{}", "f"));
+    EXPECT_FALSE(parse_answer("{", "f"));
+}
+
+CaseResult result(const std::string& truth, double gap, const std::string& json) {
+    CaseResult r;
+    r.name = "c";
+    r.truth = truth;
+    r.gap_nominal_mm = gap;
+    r.noise_mm = 0.6;
+    if (!json.empty()) r.answer = *parse_answer(json, "test");
+    return r;
+}
+
+// Controls' gap without noise: sqrt(1 - 0.36) = 0.8 mm is the floor, so causes are visible above 1.2 mm.
+std::vector<CaseResult> hand_made() {
+    std::vector<CaseResult> r;
+    r.push_back(result("none", 0.0, gap_json("", 0.1, 0.9)));                                                   // right at 0.9
+    r.push_back(result("none", 0.0, gap_json(cause(R"("stiffness")", 0.6), 0.0, 0.4)));                         // false alarm at 0.6
+    r.push_back(result("gravity", 2.0, gap_json(cause(R"("gravity")", 0.95), 0.0, 0.05)));                      // right at 0.95
+    r.push_back(result("pressure", 2.0, gap_json(cause(R"("gravity")", 0.7) + "," + cause(R"("pressure")", 0.3), 0.0, 0.0)));  // family
+    r.push_back(result("latency", 2.0, gap_json(cause(R"("cut")", 0.3) + "," + cause(R"("noise")", 0.2), 0.5, 0.0)));          // unknown at 0.5
+    r.push_back(result("cut", 0.5, gap_json("", 0.2, 0.8)));                                                    // below the floor: none
+    r.push_back(result("gravity+latency", 3.0, gap_json(cause(R"("latency","gravity")", 0.9), 0.1, 0.0)));     // both, at 0.9
+    r.push_back(result("inclusion", 2.0, ""));                                                                  // failed
+    r[2].withheld = *parse_answer(gap_json(cause(R"("pressure")", 0.8), 0.2, 0.0), "t");   // its family
+    r[3].withheld = *parse_answer(gap_json(cause(R"("stiffness")", 0.8), 0.2, 0.0), "t");  // confidently wrong
+    r[2].place_error_mm = 6.0;
+    r[2].true_shrinkage = 0.75;
+    r[3].true_shrinkage = 0.3;
+    r[2].seconds = 10.0;
+    return r;
+}
+
+TEST(Scoring, EqualsPenAndPaper) {
+    const Summary s = summarise(hand_made());
+    EXPECT_NEAR(s.floor_mm, 0.8, 1e-12);
+    EXPECT_EQ(s.failed, 1);
+    const auto expect = [](const Share& share, int right, int of, const char* what) {
+        EXPECT_EQ(share.right, right) << what;
+        EXPECT_EQ(share.of, of) << what;
+    };
+    expect(s.false_alarm, 1, 2, "false alarm");
+    expect(s.top1, 1, 3, "top-1");
+    expect(s.top3, 2, 3, "top-3");
+    expect(s.family, 2, 3, "family");
+    expect(s.top1_all, 1, 4, "top-1, all");
+    expect(s.kind, 2, 2, "kind");
+    expect(s.invisible_none, 1, 1, "invisible");
+    expect(s.false_unknown, 1, 3, "false unknown");
+    expect(s.withheld_unknown, 1, 2, "withheld");
+    expect(s.two_both, 1, 1, "two, both");
+    expect(s.coverage, 1, 1, "coverage");
+    EXPECT_THAT(s.place_mm, ::testing::ElementsAre(6.0));
+    EXPECT_THAT(s.true_shrinkage, ::testing::ElementsAre(0.75));
+    EXPECT_THAT(s.wrong_shrinkage, ::testing::ElementsAre(0.3));
+    // Bins: 0.5 (wrong), 0.6 (wrong), 0.7 (wrong), 0.8 (right), 0.9: three of three at 0.9, 0.95, 0.9.
+    EXPECT_NEAR(s.ece, (0.5 + 0.6 + 0.7 + 0.2 + (3.0 - 2.75)) / 7.0, 1e-9);
+    EXPECT_EQ(s.confusion.at("pressure").at("gravity"), 1);
+    EXPECT_EQ(s.confusion.count("cut"), 0u);
+    EXPECT_EQ(s.effects.at("latency").top3.right, 0);
+}
+
+TEST(Scoring, LinesKeepEverything) {
+    for (const CaseResult& r : hand_made()) {
+        const std::string line = to_json_line(r);
+        const auto back = parse_case_result(line, "line");
+        ASSERT_TRUE(back) << back.error().text;
+        EXPECT_EQ(to_json_line(*back), line);
+    }
+    EXPECT_FALSE(parse_case_result("[]", "line"));
+}
+
+void write(const fs::path& file, const std::vector<CaseResult>& results) {
+    std::string text;
+    for (const CaseResult& r : results) text += to_json_line(r) + "\n";
+    ASSERT_TRUE(write_text_file(file, text));
+}
+
+TEST(BlindtestCommand, MergesShards) {
+    const ScratchFolder scratch;
+    const auto all = hand_made();
+    const std::string whole = (scratch.path() / "whole.jsonl").string(), a = (scratch.path() / "a.jsonl").string(), b = (scratch.path() / "b.jsonl").string();
+    write(whole, all);
+    write(a, {all.begin(), all.begin() + 3});
+    write(b, {all.begin() + 3, all.end()});
+    const test::Run once = test::run_teres({"blindtest", "merge", whole}), merged = test::run_teres({"blindtest", "merge", a, b, "--plots", (scratch.path() / "plots").string()});
+    ASSERT_EQ(once.exit_code, 0) << once.error;
+    EXPECT_EQ(merged.output, once.output);
+    EXPECT_THAT(merged.output, ::testing::HasSubstr("33 % (1 of 3) / 67 % (2 of 3)"));
+    for (const char* picture : {"confusion.png", "reliability.png", "effects.png"})
+        EXPECT_GT(fs::file_size(scratch.path() / "plots" / picture), 1000u) << picture;
+    EXPECT_EQ(test::run_teres({"blindtest", "merge"}).exit_code, 2);
+    EXPECT_EQ(test::run_teres({"blindtest", "generate", "--shard", "9"}).exit_code, 2);
+}
+
+// Small patients: one control and one sensor case, made twice.
+class SmallCases : public ::testing::Test {
+  protected:
+    static void make(const fs::path& out, const std::vector<std::string>& effects) {
+        PlanOptions plan{.seed = 11, .cases = static_cast<int>(effects.size()), .effects = effects};
+        const auto cases = plan_cases(plan);
+        ASSERT_TRUE(cases);
+        CaseMaker maker(plan.seed, out, out / "scratch");
+        maker.body_options.truth_tets = 110;
+        maker.body_options.case_tets = 200;
+        maker.body_options.frames = 5;
+        maker.body_options.markers = 6;
+        maker.body_options.points = 5;
+        for (const CaseSpec& spec : *cases) {
+            const auto outcome = maker.make(spec);
+            ASSERT_TRUE(outcome) << outcome.error().text;
+            EXPECT_EQ(*outcome, CaseMaker::Outcome::kMade);
+        }
+        const auto again = maker.make(cases->front());
+        ASSERT_TRUE(again);
+        EXPECT_EQ(*again, CaseMaker::Outcome::kWasThere);
+        const auto list = seal_list(out, *cases);
+        ASSERT_TRUE(list);
+        ASSERT_TRUE(write_text_file(out / "seal-0-of-1.sha256", *list));
+    }
+};
+
+TEST_F(SmallCases, AreTheSameForTheSameSeedAndSealed) {
+    TERES_REQUIRE_CALCULIX();
+    const ScratchFolder one, two;
+    const std::vector<std::string> effects{"latency", "load_scale"};
+    make(one.path(), effects);
+    make(two.path(), effects);
+    EXPECT_EQ(*read_text_file(one.path() / "seal-0-of-1.sha256"), *read_text_file(two.path() / "seal-0-of-1.sha256"));
+    for (const char* name : {"c0000", "c0001"}) {
+        const auto c = read_case(one.path() / "cases" / name);
+        ASSERT_TRUE(c) << c.error().text;
+        EXPECT_FALSE(fs::exists(one.path() / "cases" / name / "validation.csv"));
+        EXPECT_FALSE(fs::exists(one.path() / "cases" / name / "truth.json"));
+        for (const char* file : {"observations.csv", "mesh.vtk", "loads.csv"})
+            EXPECT_EQ(*read_text_file(one.path() / "cases" / name / file), *read_text_file(two.path() / "cases" / name / file));
+    }
+    const std::vector<std::string> score{"blindtest", "score", "--seed", "11", "--cases", "2", "--effects", "latency,load_scale", "--out", one.path().string()};
+    const test::Run sealed = test::run_teres(score);
+    EXPECT_EQ(sealed.exit_code, 0) << sealed.error;
+    EXPECT_THAT(sealed.output, ::testing::HasSubstr("holds"));
+    EXPECT_THAT(sealed.output, ::testing::HasSubstr("| diagnosis failed | 2 |"));  // nobody has diagnosed yet
+    std::ofstream(one.path() / "sealed/c0001/label.json", std::ios::app) << " ";
+    const test::Run broken = test::run_teres(score);
+    EXPECT_EQ(broken.exit_code, 1);
+    EXPECT_THAT(broken.error, ::testing::HasSubstr("not those that were sealed"));
+}
+
+}  // namespace
+}  // namespace teres::blindtest

@@ -1,0 +1,150 @@
+// Recordings by CalculiX against closed forms and against our own simulation.
+#include "tools/calculix/recording.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "core/case/case_reader.h"
+#include "core/case/case_writer.h"
+#include "tests/support/calculix.h"
+#include "tests/support/program.h"
+#include "tests/support/synthetic_case.h"
+#include "tests/support/test_data.h"
+#include "tools/blindtest/truth_mesh.h"
+#include "tools/score.h"
+
+namespace teres::test {
+namespace {
+
+using blindtest::TruthMesh;
+
+std::vector<std::int32_t> nodes_at(const std::vector<Point>& nodes, std::size_t axis, double value) {
+    std::vector<std::int32_t> ids;
+    for (std::size_t i = 0; i < nodes.size(); ++i)
+        if (std::abs(nodes[i][axis] - value) < 1e-9) ids.push_back(static_cast<std::int32_t>(i));
+    return ids;
+}
+
+// A cube with a Maxwell branch beside it, pulled at once and held: creep of the standard linear solid,
+// e(t) = s/(3 G) [1 - r/(1+r) exp(-t / (tau (1+r)))], r = G_branch / G; the cube is nearly incompressible.
+TEST(CalculixRecording, MaxwellBranchCreepsAsTheStandardLinearSolid) {
+    TERES_REQUIRE_CALCULIX();
+    const double side = 0.01, stress = 40.0, tau = 1.5, r = 0.8;
+    const TruthMesh mesh(block_mesh({side, side, side}, {1, 1, 1}));
+    CalculixRecording recording;
+    recording.nodes = mesh.nodes();
+    CalculixMaterial body{.law = CalculixMaterial::Law::kNeoHookean, .youngs_modulus_pa = 9000.0, .poissons_ratio = 0.49};
+    CalculixMaterial branch{.law = CalculixMaterial::Law::kLinear, .youngs_modulus_pa = 2.0 * 1.3 * r * body.shear_modulus_pa(), .poissons_ratio = 0.3};
+    branch.creep_per_pa_s = 1.0 / (3.0 * branch.shear_modulus_pa() * tau);
+    recording.parts = {{Part::Element::kTet10, mesh.tets10(), body}, {Part::Element::kTet10, mesh.tets10(), branch}};
+    for (int axis = 0; axis < 3; ++axis) recording.supports.push_back({nodes_at(mesh.nodes(), static_cast<std::size_t>(axis), 0.0), axis, {}});
+    NodalLoad pull{{}, {{0.0, 0.01, 10.0}, {0.0, 1.0, 1.0}}};
+    for (std::size_t t = 0; t < mesh.surface().triangles().size(); ++t) {
+        if (std::abs(mesh.centroid(t)[0] - side) > 1e-9) continue;
+        const auto face = mesh.face_nodes(t);
+        for (std::size_t i = 3; i < 6; ++i) pull.pattern.push_back({face[i], {stress * mesh.area(t) / 3.0, 0.0, 0.0}});
+    }
+    recording.loads = {pull};
+    recording.times_s = {0.01, 1.0, 3.0, 8.0};
+    recording.max_increment_s = 0.1;
+    recording.residual = 1e-4;
+    recording.correction = 1e-3;
+    const std::int32_t corner = nodes_at(mesh.nodes(), 0, side).front();
+    recording.output_nodes = {corner};
+    const ScratchFolder scratch;
+    const auto solution = solve_recording(recording, scratch.path(), 60.0);
+    ASSERT_TRUE(solution) << solution.error().text;
+    for (std::size_t k = 0; k < recording.times_s.size(); ++k) {
+        const double t = recording.times_s[k];
+        const double strain = stress / (3.0 * body.shear_modulus_pa()) * (1.0 - r / (1.0 + r) * std::exp(-t / (tau * (1.0 + r))));
+        EXPECT_NEAR(solution->displacement_m[k].at(corner)[0] / side, strain, 0.04 * strain) << "t = " << t;
+    }
+}
+
+// A wedge layer of the body's own material on a block is just a longer block: u = s L / E at its end.
+TEST(CalculixRecording, WedgesContinueTheTetrahedra) {
+    TERES_REQUIRE_CALCULIX();
+    const double side = 0.01, height = 0.005;
+    TruthMesh mesh(block_mesh({side, side, side}, {1, 1, 1}));
+    std::vector<std::int32_t> top;
+    for (std::size_t t = 0; t < mesh.surface().triangles().size(); ++t)
+        if (std::abs(mesh.centroid(t)[2] - side) < 1e-9) top.push_back(static_cast<std::int32_t>(t));
+    // the extrusion follows node normals, which lean outwards at the block's edges
+    const blindtest::WedgeLayer layer = mesh.extrude(top, height, 2);
+    EXPECT_EQ(layer.wedges.size(), 2 * top.size());
+    std::vector<Point> nodes = mesh.nodes();
+    const std::size_t body_nodes = TruthMesh(block_mesh({side, side, side}, {1, 1, 1})).nodes().size();
+    for (std::size_t i = body_nodes; i < nodes.size(); ++i)
+        for (std::size_t axis = 0; axis < 2; ++axis) nodes[i][axis] = std::clamp(nodes[i][axis], 0.0, side);
+    double end = side;
+    for (const Point& p : nodes) end = std::max(end, p[2]);
+
+    CalculixMaterial material{.law = CalculixMaterial::Law::kNeoHookean, .youngs_modulus_pa = 10e3, .poissons_ratio = 0.3};
+    CalculixRecording recording;
+    recording.nodes = nodes;
+    recording.parts = {{Part::Element::kTet10, mesh.tets10(), material}, {Part::Element::kWedge15, layer.wedges, material}};
+    for (int axis = 0; axis < 3; ++axis) recording.supports.push_back({nodes_at(nodes, static_cast<std::size_t>(axis), 0.0), axis, {}});
+    recording.supports.push_back({layer.far_nodes, 2, Curve{{0.0, 1.0}, {0.0, 0.01 * end}}});
+    recording.times_s = {1.0};
+    recording.output_nodes = nodes_at(nodes, 2, side);
+    recording.residual = 1e-4;
+    const ScratchFolder scratch;
+    const auto solution = solve_recording(recording, scratch.path(), 60.0);
+    ASSERT_TRUE(solution) << solution.error().text;
+    for (const auto& [node, u] : solution->displacement_m[0]) EXPECT_NEAR(u[2], 0.01 * side, 2e-3 * 0.01 * side);
+}
+
+// The same clamped block under the same growing load, once by CalculiX on ten-node elements, once by `teres simulate`.
+TEST(CalculixRecording, ControlAgreesWithOurOwnSimulation) {
+    TERES_REQUIRE_CALCULIX();
+    BlockOptions options;
+    options.cells = {10, 3, 3};
+    options.law = BodyLaw::kNeoHookean;
+    options.frames = 4;
+    options.full_force_n = {0.0, 0.0, -0.04};
+    const Case c = clamped_block(options);
+    const ScratchFolder scratch;
+    ASSERT_TRUE(write_case(c, scratch.path() / "case"));
+    const std::string predicted = (scratch.path() / "points.csv").string();
+    const Run run = run_teres({"simulate", (scratch.path() / "case").string(), "--predict", predicted});
+    ASSERT_EQ(run.exit_code, 0) << run.error;
+    const auto ours = read_positions(predicted, "point_id");
+    ASSERT_TRUE(ours) << ours.error().text;
+
+    const TruthMesh mesh(c.mesh);
+    CalculixRecording recording;
+    recording.nodes = mesh.nodes();
+    recording.parts = {{Part::Element::kTet10, mesh.tets10(),
+                        {.law = CalculixMaterial::Law::kNeoHookean, .youngs_modulus_pa = c.body.youngs_modulus_pa, .poissons_ratio = c.body.poissons_ratio}}};
+    for (int axis = 0; axis < 3; ++axis) recording.supports.push_back({nodes_at(mesh.nodes(), 0, 0.0), axis, {}});
+    NodalLoad load{{}, {{0.0, 3.0}, {0.0, 1.0}}};
+    for (std::size_t i = 0; i < c.load_regions[0].node_ids.size(); ++i)
+        load.pattern.push_back({c.load_regions[0].node_ids[i], times(c.load_regions[0].weights[i], options.full_force_n)});
+    recording.loads = {load};
+    recording.times_s = {1.0, 2.0, 3.0};
+    recording.max_increment_s = 1.0;
+    for (std::size_t i = 0; i < mesh.nodes().size(); ++i) recording.output_nodes.push_back(static_cast<std::int32_t>(i));
+    const auto solution = solve_recording(recording, scratch.path() / "ccx", 120.0);
+    ASSERT_TRUE(solution) << solution.error().text;
+
+    std::vector<PositionSample> truth;
+    double largest = 0.0;
+    for (std::size_t k = 0; k < 4; ++k)
+        for (const MarkerRest& point : c.validation_rest) {
+            Point u{};
+            if (k > 0)
+                for (const auto& [node, weight] : blindtest::in_body(mesh, point.position_m).weights)
+                    u = plus(u, times(weight, solution->displacement_m[k - 1].at(node)));
+            truth.push_back({static_cast<double>(k) * c.dt_s, point.id, plus(point.position_m, u)});
+            largest = std::max(largest, norm(u));
+        }
+    const auto score = tools::score_prediction(truth, *ours);
+    ASSERT_TRUE(score) << score.error().text;
+    EXPECT_EQ(score->num_missing, 0u);
+    EXPECT_GT(largest, 0.002);
+    EXPECT_LT(1e-3 * score->max_mm, 0.06 * largest);  // our coarse linear elements against ten-node ones
+}
+
+}  // namespace
+}  // namespace teres::test

@@ -1,0 +1,208 @@
+#include "tools/blindtest/case_maker.h"
+
+#include <glib.h>
+
+#include <cmath>
+#include <limits>
+
+#include "core/case/case_writer.h"
+#include "core/case/geometry.h"
+#include "core/case/text_file.h"
+#include "core/case/text_writer.h"
+
+namespace teres::blindtest {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+constexpr int kAttempts = 3;
+
+Frames difference(const Frames& a, const Frames& b) {
+    Frames d = a;
+    for (std::size_t k = 0; k < d.size(); ++k)
+        for (std::size_t m = 0; m < d[k].size(); ++m) d[k][m] = minus(a[k][m], b[k][m]);
+    return d;
+}
+
+double inner(const Frames& a, const Frames& b) {
+    double sum = 0.0;
+    for (std::size_t k = 0; k < a.size(); ++k)
+        for (std::size_t m = 0; m < a[k].size(); ++m) sum += dot(a[k][m], b[k][m]);
+    return sum;
+}
+
+double rms(const Frames& a) {
+    return std::sqrt(inner(a, a) / static_cast<double>(a.size() * a.front().size()));
+}
+
+std::vector<PositionSample> samples(const Frames& frames, std::span<const MarkerRest> ids, double dt_s) {
+    std::vector<PositionSample> out;
+    for (std::size_t k = 0; k < frames.size(); ++k)
+        for (std::size_t m = 0; m < ids.size(); ++m) out.push_back({static_cast<double>(k) * dt_s, ids[m].id, frames[k][m]});
+    return out;
+}
+
+// Noise, quantisation, single lost frames (1 %) and two outages.
+Frames observe(const SensorState& state, const Case& nominal, Random& random) {
+    constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+    Frames seen = state.seen;
+    const Point view = *nominal.sensor.view_direction;
+    for (auto& frame : seen)
+        for (Point& p : frame) {
+            for (double& x : p) x += state.noise_factor * nominal.sensor.noise_sigma_m * random.normal();
+            if (state.depth_step_m > 0.0) {
+                const double depth = dot(p, view);
+                p = plus(p, times(state.depth_step_m * std::round(depth / state.depth_step_m) - depth, view));
+            }
+            for (double& x : p) x = std::round(1e6 * x) / 1e6;
+            if (random.chance(0.01)) p = {kNan, kNan, kNan};
+        }
+    for (int outage = 0; outage < 2; ++outage) {
+        const std::size_t marker = random.index(nominal.markers.size()), from = random.index(seen.size());
+        for (std::size_t k = from; k < std::min(seen.size(), from + 6); ++k) seen[k][marker] = {kNan, kNan, kNan};
+    }
+    return seen;
+}
+
+Json to_json(const EffectTruth& truth) {
+    const EffectKind& kind = *find_effect(truth.id);
+    return {{"id", truth.id}, {"kind", kind.kind}, {"event", kind.event},
+            {"center_m", truth.center_m ? Json(*truth.center_m) : Json(nullptr)}, {"radius_m", truth.radius_m},
+            {"onset_s", truth.onset_s ? Json(*truth.onset_s) : Json(nullptr)}, {"markers", truth.markers},
+            {"parameters", truth.parameters}};
+}
+
+}  // namespace
+
+double unexplained_rms(const Frames& difference, const std::vector<Frames>& explained) {
+    Frames rest = difference;
+    std::vector<Frames> basis;  // Gram-Schmidt
+    const auto subtract = [](Frames& from, double share, const Frames& what) {
+        for (std::size_t k = 0; k < from.size(); ++k)
+            for (std::size_t m = 0; m < from[k].size(); ++m) from[k][m] = minus(from[k][m], times(share, what[k][m]));
+    };
+    for (Frames column : explained) {
+        const double before = rms(column);
+        for (const Frames& b : basis) subtract(column, inner(b, column) / inner(b, b), b);
+        if (rms(column) > 1e-6 * std::max(before, 1e-12) && before > 1e-9) basis.push_back(std::move(column));
+    }
+    for (const Frames& b : basis) subtract(rest, inner(b, rest) / inner(b, b), b);
+    return rms(rest);
+}
+
+Result<const CaseMaker::Patient*> CaseMaker::patient(const CaseSpec& spec) {
+    const std::tuple key{spec.draw, spec.clamped, spec.dynamic};
+    if (const auto found = patients_.find(key); found != patients_.end()) return found->second.get();
+    if (!patients_.empty() && std::get<0>(patients_.begin()->first) != spec.draw) patients_.clear();
+    BodyOptions options = body_options;
+    options.seed = seed_;
+    options.draw = spec.draw;
+    options.clamped = spec.clamped;
+    options.dynamic = spec.dynamic;
+    TERES_TRY_ASSIGN(TruthBody body, TruthBody::make(options, scratch_));
+    TERES_TRY_ASSIGN(Motion control, body.simulate(body.control(), scratch_, nullptr));
+    std::vector<Motion> changes;
+    Scenario stiffer = body.control(), shorter = body.control();
+    stiffer.ligament.youngs_modulus_pa *= 1.3;
+    if (shorter.band.size() > 2) shorter.band.pop_back();
+    for (const Scenario& change : {stiffer, shorter}) {
+        TERES_TRY_ASSIGN(Motion moved, body.simulate(change, scratch_, nullptr));
+        changes.push_back(std::move(moved));
+    }
+    auto made = std::make_unique<Patient>(Patient{std::move(body), std::move(control), std::move(changes)});
+    return patients_.emplace(key, std::move(made)).first->second.get();
+}
+
+Result<CaseMaker::Outcome> CaseMaker::make(const CaseSpec& spec) {
+    const fs::path label = out_ / "sealed" / spec.name / "label.json";
+    if (fs::exists(label)) return Outcome::kWasThere;
+    std::string reason;
+    const auto who = patient(spec);
+    if (!who && who.error().kind != ErrorKind::kNotUsable) return tl::unexpected(who.error());
+    if (!who) reason = who.error().text;
+    for (int attempt = 0; who && attempt < kAttempts; ++attempt) {
+        const Status made = make_once(spec, **who, attempt);
+        if (made) return Outcome::kMade;
+        if (made.error().kind != ErrorKind::kNotUsable) return tl::unexpected(made.error());
+        reason = made.error().text;
+    }
+    fs::create_directories(label.parent_path());
+    TERES_TRY(write_text_file(label, Json{{"case", spec.name}, {"discarded", true}, {"intended", spec.effects}, {"reason", reason.substr(reason.size() > 300 ? reason.size() - 300 : 0)}}.dump(1) + "\n"));
+    return Outcome::kDiscarded;
+}
+
+Status CaseMaker::make_once(const CaseSpec& spec, const Patient& patient, int attempt) {
+    Random random(seed_, {spec.draw, std::stoul(spec.name.substr(1)), static_cast<std::uint64_t>(attempt)});
+    const TruthBody& body = patient.body;
+    Scenario scenario = body.control();
+    std::vector<EffectTruth> truths;
+    bool mechanical = false;
+    for (const std::string& id : spec.effects) {
+        if (std::string(find_effect(id)->kind) == "sensor") continue;
+        TERES_TRY_ASSIGN(EffectTruth truth, draw_mechanics(id, random, body, scenario, scratch_));
+        truths.push_back(std::move(truth));
+        mechanical = true;
+    }
+    Motion motion = patient.control;
+    const bool alone = spec.effects.size() == 1;  // before its onset a lone event is the control
+    if (mechanical) {
+        TERES_TRY_ASSIGN(motion, body.simulate(scenario, scratch_, alone ? &patient.control : nullptr));
+    }
+    SensorState sensor{motion.markers, 1.0, 0.0};
+    for (const std::string& id : spec.effects)
+        if (std::string(find_effect(id)->kind) == "sensor") truths.push_back(draw_sensor(id, random, body.nominal(), sensor));
+
+    Case nominal = body.nominal();
+    nominal.name = spec.name;
+    for (const PositionSample& sample : samples(observe(sensor, nominal, random), nominal.markers, nominal.dt_s)) nominal.observations.push_back(sample);
+
+    std::vector<Frames> explained;
+    for (const Motion& change : patient.ligament_changes) explained.push_back(difference(change.markers, patient.control.markers));
+    const Frames seen_gap = difference(sensor.seen, patient.control.markers);
+    Json label{{"case", spec.name}, {"draw", spec.draw}, {"seed", seed_}, {"clamped", spec.clamped}, {"dynamic", spec.dynamic},
+               {"effects", Json::array()}};
+    for (const EffectTruth& truth : truths) label["effects"].push_back(to_json(truth));
+    Frames rest = patient.control.markers;
+    for (auto& frame : rest)
+        for (std::size_t m = 0; m < frame.size(); ++m) frame[m] = nominal.markers[m].position_m;
+    label["gap_mm"] = {{"markers", 1e3 * rms(seen_gap)},
+                       {"nominal", 1e3 * unexplained_rms(seen_gap, explained)},
+                       {"points", 1e3 * rms(difference(motion.points, patient.control.points))}};
+    label["motion_rms_mm"] = 1e3 * rms(difference(patient.control.markers, rest));
+    label["noise_factor"] = sensor.noise_factor;
+    label["body_law"] = static_cast<int>(body.control().body.law);
+    label["ligament"] = {{"youngs_modulus_pa", body.true_band().youngs_modulus_pa}, {"x0_m", body.true_band().x0_m},
+                         {"width_m", body.true_band().width_m}, {"theta_deg", {body.true_band().theta0_deg, body.true_band().theta1_deg}}};
+    label["solver_s"] = motion.solver_s;
+    label["attempts"] = attempt + 1;
+
+    const fs::path sealed = out_ / "sealed" / spec.name;
+    std::error_code failed;
+    fs::create_directories(sealed, failed);
+    if (failed) return host_fault(sealed.string() + ": " + failed.message());
+    TERES_TRY(write_case(nominal, out_ / "cases" / spec.name));
+    TERES_TRY(write_positions(sealed / "validation.csv", "point_id", samples(motion.points, nominal.validation_rest, nominal.dt_s)));
+    TERES_TRY(write_positions(sealed / "markers.csv", "marker_id", samples(motion.markers, nominal.markers, nominal.dt_s)));
+    return write_text_file(sealed / "label.json", label.dump(1) + "\n");
+}
+
+std::string sha256(const std::string& bytes) {
+    char* text = g_compute_checksum_for_data(G_CHECKSUM_SHA256, reinterpret_cast<const guchar*>(bytes.data()), bytes.size());
+    std::string hash = text;
+    g_free(text);
+    return hash;
+}
+
+Result<std::string> seal_list(const fs::path& out, std::span<const CaseSpec> cases) {
+    std::string list;
+    for (const CaseSpec& spec : cases)
+        for (const char* name : {"label.json", "markers.csv", "validation.csv"}) {
+            const fs::path file = fs::path("sealed") / spec.name / name;
+            if (!fs::exists(out / file) && std::string(name) != "label.json") continue;  // discarded
+            TERES_TRY_ASSIGN(const std::string text, read_text_file(out / file));
+            list += sha256(text) + "  " + file.string() + "\n";
+        }
+    return list;
+}
+
+}  // namespace teres::blindtest

@@ -1,0 +1,53 @@
+// Makes sealed cases: cases/<name>/ is all that a diagnosis may see, sealed/<name>/ holds label.json, the true motion of the
+// points (validation.csv) and of the markers (markers.csv). The seal is the SHA-256 of a list of SHA-256 sums of sealed/.
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <span>
+#include <string>
+#include <tuple>
+
+#include "core/result.h"
+#include "tools/blindtest/effect_draws.h"
+#include "tools/blindtest/plan.h"
+
+namespace teres::blindtest {
+
+class CaseMaker {
+  public:
+    /// `scratch`: CalculiX works here; its last job stays.
+    CaseMaker(std::uint64_t seed, std::filesystem::path out, std::filesystem::path scratch)
+        : seed_(seed), out_(std::move(out)), scratch_(std::move(scratch)) {}
+
+    enum class Outcome { kMade, kWasThere, kDiscarded };
+    /// A case whose solution does not converge is drawn again twice, then discarded (label.json says so).
+    /// Errors: kHostFault (ccx missing, disk).
+    Result<Outcome> make(const CaseSpec& spec);
+    /// Sizes of the bodies (tests make small ones).
+    BodyOptions body_options;
+
+  private:
+    // A patient with its control motion and what ligament unknowns alone could explain.
+    struct Patient {
+        TruthBody body;
+        Motion control;
+        std::vector<Motion> ligament_changes;
+    };
+    Result<const Patient*> patient(const CaseSpec& spec);
+    Status make_once(const CaseSpec& spec, const Patient& patient, int attempt);
+
+    std::uint64_t seed_;
+    std::filesystem::path out_, scratch_;
+    std::map<std::tuple<std::uint64_t, bool, bool>, std::unique_ptr<Patient>> patients_;
+};
+
+/// "hash  sealed/c0001/label.json" lines (sha256sum -c reads them) of every sealed file of the cases.
+Result<std::string> seal_list(const std::filesystem::path& out, std::span<const CaseSpec> cases);
+std::string sha256(const std::string& bytes);
+
+/// Rms over frames and markers of what is left of `difference` after the best fit of `explained` (least squares) [m].
+double unexplained_rms(const Frames& difference, const std::vector<Frames>& explained);
+
+}  // namespace teres::blindtest

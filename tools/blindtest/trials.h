@@ -1,0 +1,30 @@
+// The two later stages of a blind test: `teres diagnose` on every case folder, then labels opened and compared.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <span>
+#include <vector>
+
+#include "core/result.h"
+#include "tools/blindtest/plan.h"
+#include "tools/blindtest/scoring.h"
+
+namespace teres::blindtest {
+
+struct TrialOptions {
+    std::filesystem::path out;      ///< of the generator
+    std::filesystem::path program;  ///< teres
+    bool withheld = false;          ///< once more with the true effect excluded (the only use of a label before scoring)
+    bool baseline = true;           ///< `teres estimate`: what the nominal model predicts, for the true shrinkage
+    double limit_s = 1800.0;        ///< of one diagnosis
+};
+
+/// Writes answers/<case>.json, .csv (predicted points), .cost.json; what is there already is kept.
+/// Errors: kHostFault if the program cannot be started.
+Status diagnose_case(const CaseSpec& spec, const TrialOptions& options);
+
+/// Opens the label. nullopt: the case was discarded by the generator. Errors: sealed files missing or malformed.
+Result<std::optional<CaseResult>> score_case(const CaseSpec& spec, const std::filesystem::path& out);
+
+}  // namespace teres::blindtest

@@ -1,0 +1,166 @@
+// teres blindtest: sealed cases from CalculiX, diagnosed, opened, scored.
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/case/text_file.h"
+#include "core/case/text_writer.h"
+#include "tools/blindtest/case_maker.h"
+#include "tools/blindtest/plan.h"
+#include "tools/blindtest/score_report.h"
+#include "tools/blindtest/scoring.h"
+#include "tools/blindtest/trials.h"
+#include "tools/commands.h"
+#include "tools/progress.h"
+
+namespace teres::tools {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace teres::blindtest;
+
+struct BlindtestOptions {
+    std::string stage = "all", out = "blindtest", shard = "0/1", plots;
+    std::vector<std::string> files;
+    PlanOptions plan;
+    TrialOptions trial;
+    double floor_mm = 0.0;  // 0: from the controls
+    bool keep = false, no_baseline = false;
+};
+
+std::string shard_name(const PlanOptions& plan) {
+    return std::to_string(plan.shard) + "-of-" + std::to_string(plan.shards);
+}
+
+Status read_shard(const std::string& text, PlanOptions& plan) {
+    char rest = 0;
+    if (std::sscanf(text.c_str(), "%d/%d%c", &plan.shard, &plan.shards, &rest) != 2)
+        return invalid_input("--shard " + text + ": must be i/n, e.g. 0/4");
+    return {};
+}
+
+Status generate(const BlindtestOptions& o, const std::vector<CaseSpec>& cases) {
+    const fs::path out = o.out, scratch = out / ("scratch-" + shard_name(o.plan));
+    CaseMaker maker(o.plan.seed, out, scratch);
+    Progress progress("sealed cases", cases.size());
+    int discarded = 0;
+    for (const CaseSpec& spec : cases) {
+        TERES_TRY_ASSIGN(const CaseMaker::Outcome outcome, maker.make(spec));
+        discarded += outcome == CaseMaker::Outcome::kDiscarded;
+        progress.step();
+    }
+    if (!o.keep) fs::remove_all(scratch);
+    TERES_TRY_ASSIGN(const std::string list, seal_list(out, cases));
+    TERES_TRY(write_text_file(out / ("seal-" + shard_name(o.plan) + ".sha256"), list));
+    std::printf("%zu cases, %d discarded (CalculiX did not converge)\nseal %s  (SHA-256 of %s/seal-%s.sha256)\n", cases.size(),
+                discarded, sha256(list).c_str(), o.out.c_str(), shard_name(o.plan).c_str());
+    std::fflush(stdout);
+    return {};
+}
+
+Status diagnose(const BlindtestOptions& o, const std::vector<CaseSpec>& cases) {
+    Progress progress("diagnoses", cases.size());
+    for (const CaseSpec& spec : cases) {
+        TERES_TRY(diagnose_case(spec, o.trial));
+        progress.step();
+    }
+    return {};
+}
+
+Status show(const std::vector<CaseResult>& results, const BlindtestOptions& o) {
+    const Summary summary = summarise(results, o.floor_mm > 0.0 ? std::optional(o.floor_mm) : std::nullopt);
+    std::printf("%zu cases\n\n%s", results.size(), report_text(summary).c_str());
+    return o.plots.empty() ? Status{} : save_plots(summary, o.plots);
+}
+
+Status score(const BlindtestOptions& o, const std::vector<CaseSpec>& cases) {
+    const fs::path out = o.out, seal = out / ("seal-" + shard_name(o.plan) + ".sha256");
+    TERES_TRY_ASSIGN(const std::string sealed, read_text_file(seal));
+    TERES_TRY_ASSIGN(const std::string now, seal_list(out, cases));
+    if (sealed != now) return not_usable(seal.string() + ": the sealed files are not those that were sealed");
+    std::printf("seal %s holds\n", sha256(sealed).c_str());
+    std::vector<CaseResult> results;
+    std::string lines;
+    for (const CaseSpec& spec : cases) {
+        TERES_TRY_ASSIGN(const std::optional<CaseResult> result, score_case(spec, out));
+        if (!result) continue;
+        lines += to_json_line(*result) + "\n";
+        results.push_back(*result);
+    }
+    const fs::path file = out / ("results-" + shard_name(o.plan) + ".jsonl");
+    TERES_TRY(write_text_file(file, lines));
+    TERES_TRY(show(results, o));
+    std::printf("\nresults: %s\n", file.c_str());
+    return {};
+}
+
+Status merge(const BlindtestOptions& o) {
+    if (o.files.empty()) return invalid_input("blindtest merge: no results file given");
+    std::vector<CaseResult> results;
+    for (const std::string& file : o.files) {
+        TERES_TRY_ASSIGN(const std::string text, read_text_file(file));
+        TextCursor lines(text);
+        while (const auto line = lines.next_line()) {
+            if (line->empty()) continue;
+            TERES_TRY_ASSIGN(CaseResult result, parse_case_result(*line, file + ":" + std::to_string(lines.line())));
+            results.push_back(std::move(result));
+        }
+    }
+    return show(results, o);
+}
+
+Status run(BlindtestOptions& o) {
+    if (o.stage == "merge") return merge(o);
+    if (!o.files.empty()) return invalid_input("blindtest " + o.stage + ": unexpected '" + o.files.front() + "'");
+    TERES_TRY(read_shard(o.shard, o.plan));
+    TERES_TRY_ASSIGN(const std::vector<CaseSpec> cases, plan_cases(o.plan));
+    o.trial.out = o.out;
+    o.trial.baseline = !o.no_baseline;
+    o.trial.program = fs::read_symlink("/proc/self/exe");
+    const bool all = o.stage == "all";
+    if (all || o.stage == "generate") TERES_TRY(generate(o, cases));
+    if (all || o.stage == "diagnose") TERES_TRY(diagnose(o, cases));
+    if (all || o.stage == "score") TERES_TRY(score(o, cases));
+    return {};
+}
+
+}  // namespace
+
+void add_blindtest_command(CLI::App& app, int& exit_code) {
+    auto options = std::make_shared<BlindtestOptions>();
+    BlindtestOptions& o = *options;
+    CLI::App* verb = add_verb(
+        app, exit_code, "blindtest", "sealed cases from another solver (CalculiX), diagnosed, opened, scored",
+        "  teres blindtest --cases 29 --seed 7 --out bench                 # generate, diagnose, score: every effect once\n"
+        "  teres blindtest generate --cases 290 --two-causes 16 --shard 3/8 --out bench     # one of eight shards\n"
+        "  teres blindtest diagnose --cases 290 --two-causes 16 --shard 3/8 --out bench --withheld\n"
+        "  teres blindtest score    --cases 290 --two-causes 16 --shard 3/8 --out bench\n"
+        "  teres blindtest merge bench/results-*.jsonl --plots bench/plots\n"
+        "Stages that were interrupted go on where they stopped. OUT/cases is all that the diagnosis is given; OUT/sealed\n"
+        "holds the labels, OUT/seal-*.sha256 their sums (checked before they are opened; `sha256sum -c` reads it).\n"
+        "Needs the program ccx (apt-get install calculix-ccx). Exit code 1: the seal is broken.",
+        [options] {
+            const Status done = run(*options);
+            return done ? static_cast<int>(kDone) : report(done.error());
+        });
+    verb->add_option("stage", o.stage, "all, generate, diagnose, score or merge")
+        ->check(CLI::IsMember({"all", "generate", "diagnose", "score", "merge"}))
+        ->capture_default_str();
+    verb->add_option("files", o.files, "merge: results-*.jsonl of the shards")->type_name("FILE");
+    verb->add_option("--cases", o.plan.cases, "Cases with one cause or none")->capture_default_str();
+    verb->add_option("--two-causes", o.plan.two_causes, "Cases with two causes, besides")->capture_default_str();
+    verb->add_option("--effects", o.plan.effects, "Only these, separated by commas (`none`: a control)")->delimiter(',')->type_name("ID,ID");
+    verb->add_option("--seed", o.plan.seed, "Same seed, same cases")->capture_default_str();
+    verb->add_option("--shard", o.shard, "Part i of n, i from 0")->type_name("I/N")->capture_default_str();
+    verb->add_option("--out", o.out, "Folder of the test")->type_name("DIR")->capture_default_str();
+    verb->add_option("--plots", o.plots, "score, merge: pictures into this folder (PNG)")->type_name("DIR");
+    verb->add_option("--floor-mm", o.floor_mm, "Floor instead of the controls' median gap")->type_name("MM");
+    verb->add_option("--limit-s", o.trial.limit_s, "Time limit of one diagnosis")->type_name("S")->capture_default_str();
+    verb->add_flag("--withheld", o.trial.withheld, "Diagnose once more with the true effect withheld");
+    verb->add_flag("--no-baseline", o.no_baseline, "Without `teres estimate`: no true shrinkage");
+    verb->add_flag("--keep", o.keep, "Keep the solver's last files");
+}
+
+}  // namespace teres::tools
