@@ -173,7 +173,6 @@ Status CaseMaker::make_once(const CaseSpec& spec, const Patient& patient, int at
     label["body_law"] = static_cast<int>(body.control().body.law);
     label["ligament"] = {{"youngs_modulus_pa", body.true_band().youngs_modulus_pa}, {"x0_m", body.true_band().x0_m},
                          {"width_m", body.true_band().width_m}, {"theta_deg", {body.true_band().theta0_deg, body.true_band().theta1_deg}}};
-    label["solver_s"] = motion.solver_s;
     label["attempts"] = attempt + 1;
 
     const fs::path sealed = out_ / "sealed" / spec.name;

@@ -192,7 +192,7 @@ void TruthBody::place_loads(Random& random) {
     control_.forces_n.assign(num_frames(), std::vector<Point>(places.size()));
     for (std::size_t r = 0; r < places.size(); ++r) {
         const Point towards = plus(places[r].second, times(0.2, random.direction()));
-        const Point centre = shape_.exit(shape_.centre(), times(1.0 / norm(towards), towards));
+        const Point centre = mesh_.surface().closest(shape_.exit(shape_.centre(), times(1.0 / norm(towards), towards))).position_m;
         regions_.push_back({centre, kPatchRadius, {}});
         LoadRegion region{places[r].first, {}, {}};
         for (const auto& [node, share] : patch_weights(c.mesh, surface, nullptr, centre, kPatchRadius)) {
@@ -262,6 +262,7 @@ Status TruthBody::scale_loads(const std::filesystem::path& scratch) {
         for (std::size_t k = 0; k < num_frames(); ++k) only.patch_loads[0].force_n.push_back(control_.forces_n[k][r]);
         TERES_TRY_ASSIGN(const double rms, linear_rms(only, peak, scratch));
         // a dynamic body swings further than its static response
+        if (!(rms > 0.0)) return not_usable("load patch " + std::to_string(r) + " misses the surface");
         const double scale = random.uniform(0.004, 0.007) * (options_.dynamic ? 0.35 : 1.0) / rms;
         for (std::size_t k = 0; k < num_frames(); ++k)
             for (double& f : control_.forces_n[k][r]) f = std::round(1e6 * scale * f) / 1e6;

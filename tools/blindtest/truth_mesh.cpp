@@ -210,6 +210,7 @@ std::vector<std::pair<std::int32_t, double>> patch_weights(const TetMeshData& me
                 }
             }
     }
+    if (total == 0.0) return {};
     std::vector<std::pair<std::int32_t, double>> shares(weights.begin(), weights.end());
     for (auto& [node, share] : shares) share /= total;
     return shares;

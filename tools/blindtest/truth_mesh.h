@@ -61,7 +61,8 @@ struct QuadraticPoint {
 /// Empty if the point lies in no tetrahedron (barycentric coordinates above -1e-6).
 QuadraticPoint in_body(const TruthMesh& mesh, const Point& p);
 
-/// Consistent nodal shares of the traction (1 - d^2/R^2)^2 about `centre` on the surface; sum 1.
+/// Consistent nodal shares of the traction (1 - d^2/R^2)^2 about `centre` on the surface; sum 1,
+/// empty where the patch misses the surface.
 /// `quadratic`: on the six-node faces, else on the corners.
 std::vector<std::pair<std::int32_t, double>> patch_weights(const TetMeshData& mesh, const Surface& surface,
                                                            const TruthMesh* quadratic, const Point& centre_m, double radius_m);
