@@ -201,7 +201,9 @@ void add_atlas_command(CLI::App& app, int& exit_code) {
     CLI::App* verb = app.add_subcommand(
         "atlas", "where ligaments attach: build an atlas, carry it to a liver, measure it");
     verb->require_subcommand(1);
-    verb->footer("`teres atlas build --help` etc. give examples.");
+    verb->footer(
+        "Examples:\n  teres atlas build livers15 -o atlas\n  teres atlas transfer atlas liver.stl --unit mm -o "
+        "ligament_prior.csv\n  teres atlas evaluate livers15 --plot evaluation.png");
     auto o = std::make_shared<AtlasOptions>();
 
     CLI::App* sub = add_sub(*verb, exit_code, o, "build", "atlas from annotated livers",

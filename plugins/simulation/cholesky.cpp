@@ -1,6 +1,7 @@
 #include "plugins/simulation/cholesky.h"
 
 #include <cholmod.h>
+#include <omp.h>
 
 #include "core/check.h"
 
@@ -55,7 +56,18 @@ Cholesky::~Cholesky() {
     cholmod_finish(&impl_->common);
 }
 
+namespace {
+
+// CHOLMOD opens OpenMP teams of four threads that spin when they are done: they cost other threads of the service more
+// than they save. With no active level allowed it works on the calling thread (the setting belongs to each thread).
+void stay_on_this_thread() {
+    omp_set_max_active_levels(0);
+}
+
+}  // namespace
+
 bool Cholesky::factorise(const std::vector<double>& values) noexcept {
+    stay_on_this_thread();
     TERES_CHECK(values.size() == impl_->pattern.num_values());
     cholmod_sparse A = impl_->view(values.data());
     const int ok = cholmod_factorize(&A, impl_->factor, &impl_->common);
@@ -68,6 +80,7 @@ bool Cholesky::factorised() const {
 }
 
 void Cholesky::solve(Eigen::Ref<Eigen::MatrixXd> B) noexcept {
+    stay_on_this_thread();
     TERES_CHECK(impl_->ready && B.rows() == impl_->pattern.num_rows());
     cholmod_dense b{};
     b.nrow = static_cast<std::size_t>(B.rows());
