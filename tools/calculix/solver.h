@@ -46,8 +46,8 @@ struct CalculixRun {
     std::string dat;  ///< text of <job>.dat
 };
 
-/// Runs <folder>/<job>.inp. Errors: kHostFault: ccx missing; kNotUsable: it failed or took more than `limit_s` (with its
-/// last words).
+/// Runs <folder>/<job>.inp. Errors: kHostFault: ccx missing; kNotUsable: it failed or took more than `limit_s` of
+/// processor time (with its last words).
 Result<CalculixRun> run_calculix(const std::filesystem::path& folder, const std::string& job, int threads, double limit_s);
 
 /// One printed table of a .dat file: rows "id v1 v2 v3"; ids 0-based.
