@@ -25,7 +25,7 @@ struct EstimatorSettings {
     double model_error_sigma_m = 0.0003;
     double accepted_residual = 1e-2;
     double stale_after_s = 0.5;
-    int max_queue = 8;
+    int max_queue = 2;
     bool keep_recording = false;
 
     template <class V>
