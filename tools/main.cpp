@@ -4,6 +4,7 @@
 #include <exception>
 
 #include "tools/commands.h"
+#include "tools/film_commands.h"
 
 int main(int argc, char** argv) {
     using namespace teres::tools;
@@ -27,6 +28,8 @@ int main(int argc, char** argv) {
         add_settings_command(app, exit_code);
         add_bench_command(app, exit_code);
         add_bridge_command(app, exit_code);
+        add_phantom_command(app, exit_code);
+        add_film_score_command(app, exit_code);
         add_doctor_command(app, exit_code);
         add_score_command(app, exit_code);
         add_blindtest_command(app, exit_code);

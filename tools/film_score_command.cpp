@@ -1,0 +1,133 @@
+// teres film-score FILM LOG: markers that the observation plugin found in a phantom's film, against the film's truth.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "core/case/case_reader.h"
+#include "core/case/csv_table.h"
+#include "core/case/geometry.h"
+#include "core/log_reader.h"
+#include "teres/markers_t.hpp"
+#include "tools/film_commands.h"
+
+namespace teres::tools {
+namespace {
+
+struct FilmScoreOptions {
+    std::filesystem::path film, log, json;
+    double identity_m = 0.010;
+};
+
+using FrameKey = std::int64_t;  // capture stamp [us]
+using Truth = std::map<FrameKey, std::map<std::int32_t, Point>>;
+using Visible = std::map<FrameKey, std::map<std::int32_t, bool>>;
+
+FrameKey key(double t_s) {
+    return std::llround(1e6 * t_s);
+}
+
+struct MarkerScore {
+    std::vector<double> error_m;
+    std::int64_t frames = 0, visible = 0, reported = 0, reported_visible = 0, hidden_reported = 0, identity_errors = 0;
+    double at(double share) const {
+        if (error_m.empty()) return std::nan("");
+        std::vector<double> sorted = error_m;
+        std::sort(sorted.begin(), sorted.end());
+        return sorted[std::min(sorted.size() - 1, static_cast<std::size_t>(share * static_cast<double>(sorted.size())))];
+    }
+    void add(const markers_t& m, const std::map<std::int32_t, Point>& truth, const std::map<std::int32_t, bool>& seen, double identity_m) {
+        ++frames;
+        for (const auto& [id, sees] : seen) visible += sees ? 1 : 0;
+        for (std::size_t i = 0; i < m.x_m.size(); ++i) {
+            const auto own = truth.find(m.marker_id[i]);
+            if (std::isnan(m.x_m[i]) || own == truth.end()) continue;
+            const Point x{m.x_m[i], m.y_m[i], m.z_m[i]};
+            const double error = distance(x, own->second);
+            error_m.push_back(error);
+            ++reported;
+            const bool sees = seen.at(own->first);
+            reported_visible += sees ? 1 : 0;
+            hidden_reported += sees ? 0 : 1;
+            const bool other_nearer = std::any_of(truth.begin(), truth.end(), [&](const auto& t) { return distance(x, t.second) < error; });
+            identity_errors += other_nearer || error > identity_m ? 1 : 0;
+        }
+    }
+};
+
+Result<int> film_score(const FilmScoreOptions& options) {
+    Truth truth;
+    TERES_TRY_ASSIGN(const auto rows, read_positions(options.film / "markers.csv", "marker_id"));
+    for (const PositionSample& row : rows) truth[key(row.t_s)][row.id] = row.position_m;
+    Visible visible;
+    const std::vector<CsvColumn> columns{{"t_s"}, {"marker_id", CsvKind::kId}, {"visible", CsvKind::kId}};
+    TERES_TRY_ASSIGN(const CsvTable table, CsvTable::read(options.film / "visible.csv", columns));
+    for (std::size_t row = 0; row < table.num_rows(); ++row)
+        visible[key(table.number(row, 0))][table.id(row, 1)] = table.id(row, 2) != 0;
+
+    TERES_TRY_ASSIGN(LogReader reader, LogReader::open(options.log));
+    MarkerScore score;
+    std::int64_t unknown = 0;
+    LogEvent event;
+    markers_t m;
+    while (reader.next(event)) {
+        if (event.channel != "MARKERS" || m.decode(event.data.data(), 0, static_cast<int>(event.data.size())) < 0) continue;
+        // Text files round the time.
+        auto frame = truth.lower_bound(m.header.capture_stamp_us - 2);
+        if (frame == truth.end() || frame->first > m.header.capture_stamp_us + 2 || !visible.contains(frame->first))
+            ++unknown;
+        else
+            score.add(m, frame->second, visible[frame->first], options.identity_m);
+    }
+    if (score.frames == 0)
+        return invalid_input(options.log.string() + ": no MARKERS at the times of " + (options.film / "markers.csv").string());
+    const auto share = [](std::int64_t part, std::int64_t of) { return of > 0 ? 100.0 * static_cast<double>(part) / static_cast<double>(of) : 0.0; };
+    const std::int64_t all = score.frames * static_cast<std::int64_t>(truth.begin()->second.size());
+    std::printf("%lld frames, %.1f %% of the markers hidden\n", static_cast<long long>(score.frames), share(all - score.visible, all));
+    std::printf("  3-D error            median %.3f mm, 95th percentile %.3f mm, largest %.3f mm\n", 1e3 * score.at(0.5),
+                1e3 * score.at(0.95), 1e3 * score.at(1.0));
+    std::printf("  visible and reported %.1f %%\n", share(score.reported_visible, score.visible));
+    std::printf("  hidden but reported  %lld\n", static_cast<long long>(score.hidden_reported));
+    std::printf("  identity errors      %lld of %lld\n", static_cast<long long>(score.identity_errors), static_cast<long long>(score.reported));
+    if (unknown > 0) std::printf("  frames without truth %lld\n", static_cast<long long>(unknown));
+    if (!options.json.empty()) {
+        const nlohmann::json out{{"frames", score.frames},
+                                 {"hidden_share", 0.01 * share(all - score.visible, all)},
+                                 {"error_median_m", score.at(0.5)},
+                                 {"error_p95_m", score.at(0.95)},
+                                 {"error_max_m", score.at(1.0)},
+                                 {"visible_reported_share", 0.01 * share(score.reported_visible, score.visible)},
+                                 {"hidden_reported", score.hidden_reported},
+                                 {"identity_errors", score.identity_errors},
+                                 {"reported", score.reported}};
+        std::FILE* file = std::fopen(options.json.c_str(), "w");
+        if (file == nullptr) return host_fault("cannot write " + options.json.string());
+        std::fprintf(file, "%s\n", out.dump(1).c_str());
+        if (std::fclose(file) != 0) return host_fault("cannot write " + options.json.string());
+    }
+    return kDone;
+}
+
+}  // namespace
+
+void add_film_score_command(CLI::App& app, int& exit_code) {
+    auto options = std::make_shared<FilmScoreOptions>();
+    CLI::App* verb = add_verb(
+        app, exit_code, "film-score", "Markers found in a phantom's film against the film's truth",
+        "  teres phantom config/cases/demo -o film --seconds 60 --occlusion 0.3\n"
+        "  teres replay film/recording.lcm --case config/cases/demo --speed 0 --set service.plugins=observation \\\n"
+        "      --set service.record_to=tracked.lcm\n"
+        "  teres film-score film tracked.lcm\n"
+        "Identity error: a reported marker that is nearer to another one's true place, or further than 10 mm from its own.",
+        [options] {
+            const Result<int> code = film_score(*options);
+            return code ? *code : report(code.error());
+        });
+    verb->add_option("film", options->film, "Folder that `teres phantom` wrote")->required()->type_name("DIR");
+    verb->add_option("log", options->log, "LCM log with MARKERS")->required()->type_name("LOG");
+    verb->add_option("--json", options->json, "Write the figures")->type_name("FILE");
+}
+
+}  // namespace teres::tools
