@@ -4,12 +4,15 @@
 #include <array>
 
 #include "teres/boundary_estimate_t.hpp"
+#include "teres/camera_info_t.hpp"
 #include "teres/gap_t.hpp"
 #include "teres/health_t.hpp"
+#include "teres/image_t.hpp"
 #include "teres/innovation_t.hpp"
 #include "teres/liver_state_t.hpp"
 #include "teres/markers_t.hpp"
 #include "teres/tool_loads_t.hpp"
+#include "teres/tracking_t.hpp"
 
 namespace teres {
 namespace {
@@ -23,9 +26,10 @@ std::int64_t big_endian(const std::uint8_t* bytes) noexcept {
 }  // namespace
 
 std::optional<MessageStamp> stamp_of(std::span<const std::uint8_t> data) noexcept {
-    static const std::array known = {boundary_estimate_t::getHash(), gap_t::getHash(), health_t::getHash(),
-                                     innovation_t::getHash(),        liver_state_t::getHash(),
-                                     markers_t::getHash(),           tool_loads_t::getHash()};
+    static const std::array known = {boundary_estimate_t::getHash(), camera_info_t::getHash(), gap_t::getHash(),
+                                     health_t::getHash(),            image_t::getHash(),       innovation_t::getHash(),
+                                     liver_state_t::getHash(),       markers_t::getHash(),     tool_loads_t::getHash(),
+                                     tracking_t::getHash()};
     // LCM layout: hash, then the fields in order: capture_stamp_us, sequence, ...
     if (data.size() < 24) return std::nullopt;
     if (std::find(known.begin(), known.end(), big_endian(data.data())) == known.end()) return std::nullopt;

@@ -18,6 +18,7 @@
 #include "teres/markers_t.hpp"
 #include "teres/pedal_t.hpp"
 #include "teres/tool_loads_t.hpp"
+#include "teres/tracking_t.hpp"
 
 namespace teres::tools {
 namespace {
@@ -59,6 +60,20 @@ void put(json& to, const tool_loads_t& m) {
     to["x_m"] = head(m.x_m);
     to["y_m"] = head(m.y_m);
     to["z_m"] = head(m.z_m);
+}
+
+void put(json& to, const tracking_t& m) {
+    put(to, m.header);
+    to["frames"] = m.frames;
+    to["tracked"] = std::count_if(m.status.begin(), m.status.end(), [](int s) { return s > 0; });
+    to["num_markers"] = m.num_markers;
+    to["latency_s"] = m.latency_s;
+    to["clock_drift_ppm"] = m.clock_drift_ppm;
+    json faults = json::object();
+    for (std::size_t i = 0; i < m.fault.size(); ++i) faults[m.fault[i]] = m.fault_frames[i];
+    to["faults"] = faults;
+    to["swaps"] = m.swaps;
+    to["rejected"] = m.rejected;
 }
 
 void put(json& to, const boundary_estimate_t& m) {
@@ -205,7 +220,8 @@ MessageFields message_fields(std::span<const std::uint8_t> data) {
                                                        known<innovation_t>(),        known<liver_state_t>(),
                                                        known<markers_t>(),           known<tool_loads_t>(),
                                                        known<image_t>(),             known<camera_info_t>(),
-                                                       known<device_health_t>(),     known<pedal_t>()};
+                                                       known<device_health_t>(),     known<pedal_t>(),
+                                                       known<tracking_t>()};
     MessageFields fields;
     if (data.size() < 8) return fields;
     std::uint64_t hash = 0;
