@@ -88,6 +88,7 @@ class BoundaryEstimator {
     const std::vector<std::int32_t>& attachment_nodes() const { return attachment_.node_ids(); }
     void attachment_probabilities(std::vector<double>& out) const;
     const Eigen::VectorXd& state() const { return state_; }  ///< corrected mechanical state
+    const ForwardReport& report() const { return report_; }
     bool converged() const { return report_.lanes_converged == report_.lanes; }
     double relative_residual() const { return report_.relative_residual; }
     const Eigen::VectorXd& residual() const {

@@ -138,7 +138,7 @@ void EquilibriumSolver::mean_state(const Batch& batch) noexcept {
 bool EquilibriumSolver::factorise(const ExternalActions& actions, const Batch& batch,
                                   EquilibriumReport& report) noexcept {
     auto& w = *w_;
-    const auto& [theta, x, inertia, lanes, stride] = batch;
+    const auto& [theta, x, inertia, lanes, stride, may_narrow] = batch;
     return timed(times_.factorise, [&] {
         mean_state(batch);
         if (!w.metric->renew(actions, inertia, 0, w.lane_theta.data(), w.positions, system_.team(),
@@ -173,42 +173,13 @@ EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const
                                            const double* theta, double* x, std::size_t lanes) noexcept {
     auto& w = *w_;
     EquilibriumReport report;
-    const std::size_t stride = padded_lanes(lanes), dofs = 3 * system_.num_nodes();
+    const std::size_t stride = padded_lanes(lanes);
     TERES_CHECK(lanes > 0 && lanes <= w.max_lanes);
     if (!settings_.plain_newton) {
-        Batch batch{theta, x, inertia, lanes, stride};
+        // damping keeps one matrix per lane of the wide batch
+        const Batch batch{theta, x, inertia, lanes, stride, inertia.damping == nullptr};
         iterate(actions, batch, report);
-        // A few slow lanes go on in a narrower batch of their own.
-        std::size_t slow = 0;
-        for (std::size_t l = 0; l < lanes; ++l)
-            if (w.active[l]) w.slow[slow++] = l;
-        if (slow > 0 && MetricSolver::lane_stride(slow) < MetricSolver::lane_stride(lanes)) {
-            const std::size_t narrow = padded_lanes(slow);
-            const auto from = [&](std::size_t l) { return w.slow[l < slow ? l : 0]; };
-            for (std::size_t d = 0; d < dofs; ++d)
-                for (std::size_t l = 0; l < narrow; ++l) {
-                    w.narrow_x[d * narrow + l] = x[d * stride + from(l)];
-                    if (inertia.target != nullptr)
-                        w.narrow_target[d * narrow + l] = inertia.target[d * stride + from(l)];
-                }
-            for (std::size_t p = 0; p < system_.parts().num_parameters; ++p)
-                for (std::size_t l = 0; l < narrow; ++l)
-                    w.narrow_theta[p * narrow + l] = theta[p * stride + from(l)];
-            Inertia narrow_inertia = inertia;
-            if (inertia.target != nullptr) narrow_inertia.target = w.narrow_target.data();
-            if (inertia.damping ==
-                nullptr) {  // damping keeps one matrix per lane of the wide batch: plain Newton then
-                Batch rest{w.narrow_theta.data(), w.narrow_x.data(), narrow_inertia, slow, narrow};
-                iterate(actions, rest, report);
-                std::copy_n(w.active.begin(), slow, w.still.begin());
-                std::fill(w.active.begin(), w.active.end(), 0);
-                for (std::size_t l = 0; l < slow; ++l) {
-                    w.active[w.slow[l]] = w.still[l];
-                    for (std::size_t d = 0; d < dofs; ++d)
-                        x[d * stride + w.slow[l]] = w.narrow_x[d * narrow + l];
-                }
-            }
-        }
+        iterate_slow_lanes(actions, batch, report);
         follow_renewal(actions, batch, report);
     } else {
         std::fill_n(w.active.begin(), lanes, 1);
@@ -225,10 +196,43 @@ EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const
     return report;
 }
 
+// The lanes that are still active go on in a narrower batch of their own.
+void EquilibriumSolver::iterate_slow_lanes(const ExternalActions& actions, const Batch& batch,
+                                           EquilibriumReport& report) noexcept {
+    auto& w = *w_;
+    const std::size_t dofs = 3 * system_.num_nodes(), stride = batch.stride;
+    std::size_t slow = 0;
+    for (std::size_t l = 0; l < batch.lanes; ++l)
+        if (w.active[l]) w.slow[slow++] = l;
+    if (slow == 0 || !batch.may_narrow ||
+        MetricSolver::lane_stride(slow) == MetricSolver::lane_stride(batch.lanes))
+        return;
+    const std::size_t narrow = padded_lanes(slow);
+    const auto gather = [&](const double* from, std::vector<double>& to, std::size_t rows) {
+        for (std::size_t d = 0; d < rows; ++d)
+            for (std::size_t l = 0; l < narrow; ++l)
+                to[d * narrow + l] = from[d * stride + w.slow[l < slow ? l : 0]];
+    };
+    gather(batch.x, w.narrow_x, dofs);
+    gather(batch.theta, w.narrow_theta, system_.parts().num_parameters);
+    Inertia inertia = batch.inertia;
+    if (inertia.target != nullptr) {
+        gather(inertia.target, w.narrow_target, dofs);
+        inertia.target = w.narrow_target.data();
+    }
+    iterate(actions, {w.narrow_theta.data(), w.narrow_x.data(), inertia, slow, narrow, false}, report);
+    std::copy_n(w.active.begin(), slow, w.still.begin());
+    std::fill(w.active.begin(), w.active.end(), 0);
+    for (std::size_t l = 0; l < slow; ++l) {
+        w.active[w.slow[l]] = w.still[l];
+        for (std::size_t d = 0; d < dofs; ++d) batch.x[d * stride + w.slow[l]] = w.narrow_x[d * narrow + l];
+    }
+}
+
 void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& batch,
                                 EquilibriumReport& report) noexcept {
     auto& w = *w_;
-    const auto& [theta, x, inertia, lanes, stride] = batch;
+    const auto& [theta, x, inertia, lanes, stride, may_narrow] = batch;
     const std::size_t dofs = 3 * system_.num_nodes(), all = dofs * stride;
     for (std::size_t d = 0; d < dofs; ++d)  // padding lanes follow lane 0 so that they stay harmless
         for (std::size_t l = lanes; l < stride; ++l) x[d * stride + l] = x[d * stride];
@@ -256,7 +260,7 @@ void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& bat
     bool refactorised = report.factorisations > before;
     int iteration = 0;
     for (; running > 0 && iteration < settings_.max_iterations; ++iteration) {
-        if (iteration >= kNarrowAfter &&
+        if (may_narrow && iteration >= kNarrowAfter &&
             MetricSolver::lane_stride(running) < MetricSolver::lane_stride(lanes))
             break;  // the rest goes on in a narrower batch
         if (iteration == 2 * settings_.refactorise_after && !refactorised) {
@@ -297,7 +301,7 @@ void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& bat
 // where the trial is to be taken.
 void EquilibriumSolver::line_search(const ExternalActions& actions, const Batch& batch) noexcept {
     auto& w = *w_;
-    const auto& [theta, x, inertia, lanes, stride] = batch;
+    const auto& [theta, x, inertia, lanes, stride, may_narrow] = batch;
     std::size_t open = 0;
     bool shorten = false;
     for (std::size_t l = 0; l < stride; ++l) {

@@ -61,6 +61,8 @@ Result<std::unique_ptr<ScenePlayer>> ScenePlayer::make(const Case& c, const Play
     p->settings_ = settings;
     p->settings_.model.separate_parts = true;
     p->settings_.model.max_lanes = 1;
+    // The scene changes the system between steps: nothing may read it in the background.
+    p->settings_.model.equilibrium.renewal_steps = 0;
     TetherRanges ranges;
     double layer = 0.0;
     const std::size_t clamps = settings.soft_clamps ? c.clamped.size() : 0;

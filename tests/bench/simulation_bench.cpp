@@ -61,7 +61,8 @@ struct Setup {
 
 // One quasi-static step: the load grows by a tenth, as between frames of a slow pull.
 void BM_Step(benchmark::State& state, BodyLaw law) {
-    Setup setup(static_cast<int>(state.range(0)), law, static_cast<int>(state.range(1)), static_cast<int>(state.range(2)));
+    Setup setup(static_cast<int>(state.range(0)), law, static_cast<int>(state.range(1)),
+                static_cast<int>(state.range(2)));
     const MatrixXd start = setup.X;
     ForwardReport report;
     for (auto _ : state) {
@@ -88,61 +89,53 @@ BENCHMARK_CAPTURE(BM_Step, ogden, BodyLaw::kOgden)
     ->UseRealTime()
     ->Unit(benchmark::kMillisecond);
 
-void BM_Tangent(benchmark::State& state) {
-    Setup setup(static_cast<int>(state.range(0)), BodyLaw::kStVK, 1);
+// A body at rest and its factorised tangent.
+struct Factorised {
+    Setup setup;
     const MechanicalSystem& system = setup.model->system();
-    ExternalActions actions;
-    system.resolve({}, {}, actions);
     std::vector<double> values;
-    for (auto _ : state)
-        benchmark::DoNotOptimize(
-            system.tangent(actions, {}, 0, setup.theta.data(), system.parts().X, values));
+    Cholesky cholesky{system.pattern()};
+
+    explicit Factorised(int tetrahedra) : setup(tetrahedra, BodyLaw::kStVK, 1) {
+        assemble();
+        cholesky.factorise(values);
+    }
+    bool assemble() {
+        ExternalActions actions;
+        system.resolve({}, {}, actions);
+        return system.tangent(actions, {}, 0, setup.theta.data(), system.parts().X, values);
+    }
+};
+
+void BM_Tangent(benchmark::State& state) {
+    Factorised body(static_cast<int>(state.range(0)));
+    for (auto _ : state) benchmark::DoNotOptimize(body.assemble());
 }
 BENCHMARK(BM_Tangent)->Arg(7500)->Unit(benchmark::kMillisecond);
 
 void BM_Factorise(benchmark::State& state) {
-    Setup setup(static_cast<int>(state.range(0)), BodyLaw::kStVK, 1);
-    const MechanicalSystem& system = setup.model->system();
-    ExternalActions actions;
-    system.resolve({}, {}, actions);
-    std::vector<double> values;
-    system.tangent(actions, {}, 0, setup.theta.data(), system.parts().X, values);
-    Cholesky cholesky(system.pattern());
-    for (auto _ : state) benchmark::DoNotOptimize(cholesky.factorise(values));
-    state.counters["factor_nonzeros"] = cholesky.factor_nonzeros();
+    Factorised body(static_cast<int>(state.range(0)));
+    for (auto _ : state) benchmark::DoNotOptimize(body.cholesky.factorise(body.values));
+    state.counters["factor_nonzeros"] = body.cholesky.factor_nonzeros();
 }
 BENCHMARK(BM_Factorise)->Arg(7500)->Unit(benchmark::kMillisecond);
 
 void BM_Solve(benchmark::State& state) {
-    Setup setup(7500, BodyLaw::kStVK, 1);
-    const MechanicalSystem& system = setup.model->system();
-    ExternalActions actions;
-    system.resolve({}, {}, actions);
-    std::vector<double> values;
-    system.tangent(actions, {}, 0, setup.theta.data(), system.parts().X, values);
-    Cholesky cholesky(system.pattern());
-    cholesky.factorise(values);
-    MatrixXd B = MatrixXd::Ones(system.pattern().num_rows(), state.range(0));
+    Factorised body(7500);
+    MatrixXd B = MatrixXd::Ones(body.system.pattern().num_rows(), state.range(0));
     for (auto _ : state) {
         B.setOnes();
-        cholesky.solve(B);
+        body.cholesky.solve(B);
         benchmark::DoNotOptimize(B.data());
     }
 }
 BENCHMARK(BM_Solve)->ArgName("rhs")->Arg(1)->Arg(9)->Unit(benchmark::kMillisecond);
 
 void BM_Metric(benchmark::State& state) {
-    Setup setup(7500, BodyLaw::kStVK, 1);
-    const MechanicalSystem& system = setup.model->system();
-    ExternalActions actions;
-    system.resolve({}, {}, actions);
-    std::vector<double> values;
-    system.tangent(actions, {}, 0, setup.theta.data(), system.parts().X, values);
-    Cholesky cholesky(system.pattern());
-    cholesky.factorise(values);
+    Factorised body(7500);
     TaskTeam team(static_cast<int>(state.range(1)));
-    MetricSolver metric(cholesky, team.threads());
-    metric.renew(cholesky);
+    MetricSolver metric(body.cholesky, team.threads());
+    metric.renew(body.cholesky);
     const auto lanes = static_cast<std::size_t>(state.range(0));
     std::vector<float> y(metric.num_storage_rows() * MetricSolver::lane_stride(lanes), 1.0f);
     for (auto _ : state) {

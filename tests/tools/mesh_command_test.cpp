@@ -36,7 +36,8 @@ class MeshCommand : public ::testing::Test {
 
 TEST_F(MeshCommand, FillsABoxWithTheTetrahedraAskedFor) {
     const test::Run r = run(std::string(kVertices) + kSides + kTop);
-    if (r.exit_code == 3) GTEST_SKIP() << "SKIPPED LOUDLY: " << r.error;
+    if (r.error.find("program 'gmsh' cannot be started") != std::string::npos)
+        GTEST_SKIP() << "SKIPPED LOUDLY: " << r.error;
     ASSERT_EQ(r.exit_code, 0) << r.error;
     const auto mesh = read_vtk_tets(out);
     ASSERT_TRUE(mesh) << mesh.error().text;
