@@ -1,4 +1,4 @@
-// The verbs around films: what cameras saw and what was found in it. See tools/commands.h.
+// The verbs around films: what cameras saw, what was found in it, and how it looks augmented. See tools/commands.h.
 #pragma once
 
 #include "tools/commands.h"
@@ -7,5 +7,6 @@ namespace teres::tools {
 
 void add_phantom_command(CLI::App& app, int& exit_code);
 void add_film_score_command(CLI::App& app, int& exit_code);
+void add_overlay_command(CLI::App& app, int& exit_code);
 
 }  // namespace teres::tools

@@ -30,6 +30,7 @@ int main(int argc, char** argv) {
         add_bridge_command(app, exit_code);
         add_phantom_command(app, exit_code);
         add_film_score_command(app, exit_code);
+        add_overlay_command(app, exit_code);
         add_doctor_command(app, exit_code);
         add_score_command(app, exit_code);
         add_blindtest_command(app, exit_code);

@@ -23,7 +23,7 @@ struct OverlayOptions {
     int every = 30;
 };
 
-// Pictures frame-000030.png, ..., or overlay.avi with every frame.
+// Pictures frame-000030.png, ..., or overlay.avi with every frame at the rate of the first two.
 class AlbumWriter {
   public:
     AlbumWriter(fs::path folder, int every, bool video) : folder_(std::move(folder)), every_(every), video_(video) {}
@@ -33,9 +33,14 @@ class AlbumWriter {
                             static_cast<std::size_t>(m.row_stride_bytes));
         const std::int64_t frame = frames_++;
         if (video_) {
-            if (frame == 0) first_us_ = m.header.capture_stamp_us;
+            if (frame == 0) {
+                first_us_ = m.header.capture_stamp_us;
+                first_ = image.clone();
+                return;
+            }
             if (frame == 1) open_video(m.header.capture_stamp_us - first_us_, image.size());
-            if (frame >= 1 && failure_.empty()) film_.write(image);
+            if (frame == 1 && failure_.empty()) film_.write(first_);
+            if (failure_.empty()) film_.write(image);
         } else if (frame % every_ == 0) {
             const fs::path file = folder_ / fmt::format("frame-{:06}.png", frame);
             if (cv::imwrite(file.string(), image))
@@ -58,6 +63,7 @@ class AlbumWriter {
     int every_;
     bool video_;
     std::int64_t frames_ = 0, first_us_ = 0;
+    cv::Mat first_;
     std::string failure_;
     cv::VideoWriter film_;
 };

@@ -4,6 +4,8 @@
 
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/videoio.hpp>
 
 #include "tests/support/program.h"
 
@@ -42,6 +44,54 @@ TEST(Film, DepthMarkersAreRightAndNoneIsMistaken) {
     EXPECT_LT(score["error_p95_m"], 2e-3);
     EXPECT_EQ(score["identity_errors"], 0);
     EXPECT_GT(score["visible_reported_share"], 0.6);
+}
+
+class AugmentedView : public ::testing::Test {
+  protected:
+    AugmentedView() {
+        EXPECT_EQ(test::run_teres({"phantom", demo_case().string(), "-o", out, "--seconds", "0.4", "--rate", "15"}).exit_code, 0);
+    }
+    test::Run drawn(std::vector<std::string> options) {
+        std::vector<std::string> words{"overlay", out + "/recording.lcm", "--case", demo_case().string(), "-o", out};
+        words.insert(words.end(), options.begin(), options.end());
+        return test::run_teres(words);
+    }
+    // Share of the outermost pixels that are red.
+    static double red_border(const cv::Mat& picture) {
+        int red = 0;
+        for (int u = 10; u < picture.cols - 10; ++u) {
+            const cv::Vec3b p = picture.at<cv::Vec3b>(2, u);
+            red += p[2] > p[0] + 100 && p[2] > p[1] + 100 ? 1 : 0;
+        }
+        return red / (picture.cols - 20.0);
+    }
+    test::ScratchFolder scratch;
+    std::string out = scratch.path().string();
+};
+
+TEST_F(AugmentedView, WithoutEstimateIsMarkedStale) {
+    const auto run = drawn({"--recorded", "--every", "4"});
+    ASSERT_EQ(run.exit_code, 0) << run.error;
+    EXPECT_GT(red_border(cv::imread(out + "/frame-000004.png")), 0.99);
+    EXPECT_FALSE(std::filesystem::exists(out + "/frame-000001.png"));
+}
+
+TEST_F(AugmentedView, OfTheWholeChainIsFreshAndFilmed) {
+    const auto run = drawn({"--video", "--set", "observation.publish_period_s=10"});  // one estimate, at rest
+    ASSERT_EQ(run.exit_code, 0) << run.error;
+    cv::VideoCapture film(out + "/overlay.avi");
+    cv::Mat frame, last;
+    int frames = 0;
+    for (; film.read(frame); ++frames) last = frame.clone();
+    EXPECT_EQ(frames, 7);
+    ASSERT_EQ(last.size(), cv::Size(640, 480));
+    EXPECT_LT(red_border(last), 0.5);
+}
+
+TEST_F(AugmentedView, OfALogWithoutColourIsRefused) {
+    const auto run = drawn({"--recorded", "--set", "replay.skip_channels=CAMERA_.*"});
+    EXPECT_EQ(run.exit_code, 1);
+    EXPECT_THAT(run.error, HasSubstr("no frame drawn"));
 }
 
 }  // namespace
