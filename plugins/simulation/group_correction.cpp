@@ -1,6 +1,7 @@
 #include "plugins/simulation/group_correction.h"
 
 #include <cmath>
+#include <set>
 
 #include "plugins/simulation/metric_kernels.h"
 
@@ -19,18 +20,24 @@ GroupCorrection::GroupCorrection(const std::vector<Tether>& tethers, std::size_t
     for (std::size_t p = 0; p < num_parameters; ++p) {
         Group group;
         group.parameter = p;
+        std::set<NodeIndex> nodes;
         for (std::size_t t = 0; t < tethers.size(); ++t) {
-            const auto free = pattern.free_index(tethers[t].node);
-            if (tethers[t].parameter != static_cast<std::int32_t>(p) || free < 0) continue;
+            if (tethers[t].parameter != static_cast<std::int32_t>(p)) continue;
             group.tether.push_back(t);
-            for (std::size_t a = 0; a < 3; ++a)
-                group.row.push_back(row_of[3 * static_cast<std::size_t>(free) + a]);
+            for (std::size_t i = 0; i < tethers[t].num_nodes(); ++i)
+                if (pattern.free_index(tethers[t].node_at(i)) >= 0) nodes.insert(tethers[t].node_at(i));
         }
-        if (group.tether.empty()) continue;
+        if (nodes.empty()) continue;
+        group.node.assign(nodes.begin(), nodes.end());
+        for (const auto node : group.node)
+            for (std::size_t a = 0; a < 3; ++a)
+                group.row.push_back(row_of[3 * static_cast<std::size_t>(pattern.free_index(node)) + a]);
         group.first = modes_;
-        group.count = group.tether.size() >= 4 ? 12 : 3;  // affine, or translations of a few nodes
+        group.count = group.node.size() >= 4 ? 12 : 3;  // affine, or translations of a few nodes
         modes_ += group.count;
         group.U.setZero(static_cast<Eigen::Index>(group.row.size()), group.count);
+        group.phi.setZero(group.U.rows(), group.count);
+        group.B_phi.setZero(group.U.rows(), group.count);
         groups_.push_back(std::move(group));
     }
     const auto stride = MetricSolver::lane_stride(static_cast<std::size_t>(modes_));
@@ -54,27 +61,29 @@ void GroupCorrection::renew(const std::vector<Tether>& tethers, const double* th
     for (auto& group : groups_) {
         Vector3d centre = Vector3d::Zero();
         double radius = 0.0;
-        for (const auto t : group.tether) centre += x.col(tethers[t].node);
-        centre /= static_cast<double>(group.tether.size());
-        for (const auto t : group.tether) radius = std::max(radius, (x.col(tethers[t].node) - centre).norm());
+        for (const auto node : group.node) centre += x.col(node) / static_cast<double>(group.node.size());
+        for (const auto node : group.node) radius = std::max(radius, (x.col(node) - centre).norm());
         if (!(radius > 0.0)) radius = 1.0;
-        Eigen::MatrixXd G = Eigen::MatrixXd::Zero(group.count, group.count);
-        Eigen::MatrixXd phi(3, group.count);
-        for (std::size_t k = 0; k < group.tether.size(); ++k) {
-            const auto t = group.tether[k];
+        for (std::size_t k = 0; k < group.node.size(); ++k) {
+            auto phi = group.phi.middleRows<3>(3 * static_cast<Eigen::Index>(k));
             phi.leftCols<3>() = Matrix3d::Identity();
-            const Vector3d d = (x.col(tethers[t].node) - centre) / radius;
+            const Vector3d d = (x.col(group.node[k]) - centre) / radius;
             for (Eigen::Index m = 3; m < group.count; m += 3)
                 phi.middleCols<3>(m) = d(m / 3 - 1) * Matrix3d::Identity();
-            const Matrix3d B = tether_stiffness(tethers[t], x.col(tethers[t].node));
-            const Eigen::MatrixXd u = B * phi;
-            group.U.middleRows<3>(3 * static_cast<Eigen::Index>(k)) = u.cast<float>();
-            for (Eigen::Index a = 0; a < 3; ++a)
-                for (Eigen::Index m = 0; m < group.count; ++m)
-                    W_[static_cast<std::size_t>(group.row[3 * k + static_cast<std::size_t>(a)]) * stride +
-                       static_cast<std::size_t>(group.first + m)] += static_cast<float>(u(a, m));
-            G.noalias() += phi.transpose() * u;
         }
+        group.B_phi.setZero();
+        for (const auto t : group.tether)
+            for_stiffness_blocks(tethers[t], x, [&](std::size_t i, std::size_t j, const Matrix3d& B) {
+                const auto a = group.place(tethers[t].node_at(i)), b = group.place(tethers[t].node_at(j));
+                if (a >= 0 && b >= 0)
+                    group.B_phi.middleRows<3>(3 * a).noalias() += B * group.phi.middleRows<3>(3 * b);
+            });
+        group.U = group.B_phi.cast<float>();
+        for (std::size_t i = 0; i < group.row.size(); ++i)
+            for (Eigen::Index m = 0; m < group.count; ++m)
+                W_[static_cast<std::size_t>(group.row[i]) * stride + static_cast<std::size_t>(group.first + m)] =
+                    group.U(static_cast<Eigen::Index>(i), m);
+        const Eigen::MatrixXd G = group.phi.transpose() * group.B_phi;
         // A patch that is flat or slack leaves some modes without stiffness: keep the others.
         const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(G);
         const double cut = 1e-10 * std::max(eigen.eigenvalues().cwiseAbs().maxCoeff(), 1e-300);

@@ -14,6 +14,7 @@
 #pragma once
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <vector>
 
 #include "plugins/simulation/metric_solver.h"
@@ -38,10 +39,17 @@ class GroupCorrection {
   private:
     struct Group {
         std::size_t parameter = 0;
-        std::vector<std::size_t> tether;  // indices with free nodes
-        std::vector<std::int32_t> row;    // three rows of the metric for each
+        std::vector<std::size_t> tether;
+        std::vector<NodeIndex> node;     // free ones, ascending
+        std::vector<std::int32_t> row;   // three rows of the metric for each node
         Eigen::Index first = 0, count = 0;
-        Eigen::MatrixXf U;  // rows of the tethers only
+        Eigen::MatrixXf U;  // rows of the nodes only
+        Eigen::MatrixXd phi, B_phi;
+        /// Place in `node`, -1: held.
+        std::ptrdiff_t place(NodeIndex a) const {
+            const auto found = std::lower_bound(node.begin(), node.end(), a);
+            return found != node.end() && *found == a ? found - node.begin() : -1;
+        }
     };
     std::vector<Group> groups_;
     Eigen::Index modes_ = 0;

@@ -101,36 +101,35 @@ void add_band(const TetMesh& mesh, double shear_ratio, const std::vector<double>
     }
 }
 
-// Half of a node's share is in its own string, the other half in those to the neighbours' anchors, which take
-// up shear.
-void add_strings(const TetMesh& mesh, const LigamentData& data, const std::vector<double>& weight,
+constexpr double kDiagonalShare = 0.5;  // of a layer's stiffness along the normal
+
+void add_springs(const TetMesh& mesh, const LigamentData& data, const std::vector<double>& weight,
                  const std::vector<double>& group_weight, Ligament& ligament) {
     std::map<NodeIndex, std::size_t> entry;
-    for (std::size_t i = 0; i < ligament.node.size(); ++i) entry[ligament.node[i]] = i;
-    std::vector<std::set<NodeIndex>> neighbours(ligament.node.size());
+    std::vector<Vector3d> X, n;
+    for (std::size_t i = 0; i < ligament.node.size(); ++i) {
+        entry[ligament.node[i]] = i;
+        X.emplace_back(mesh.X.col(ligament.node[i]));
+        n.emplace_back(mesh.node_normal.col(ligament.node[i]));
+    }
+    std::vector<std::set<std::size_t>> around(X.size());
     for (const auto& f : mesh.surface)
         for (const auto a : f)
             for (const auto b : f)
-                if (a != b && entry.contains(a) && entry.contains(b)) neighbours[entry[a]].insert(b);
+                if (a != b && entry.contains(a) && entry.contains(b)) around[entry[a]].insert(entry[b]);
+    std::vector<std::vector<std::size_t>> neighbours;
+    for (const auto& set : around) neighbours.emplace_back(set.begin(), set.end());
+    // a layer of height h/2 stretched by d/2: 2 (d/2 + 4/h^2 (d/2)^3) = d + d^3/h^2
     const double h = data.height_m;
-    for (std::size_t i = 0; i < ligament.node.size(); ++i) {
-        const NodeIndex a = ligament.node[i];
-        const double share = weight[i] / group_weight[static_cast<std::size_t>(ligament.group[i])];
-        const auto add = [&](NodeIndex to, double part) {
-            Tether t;
-            t.kind = Tether::Kind::kSpring;
-            t.node = a;
-            t.parameter = ligament.group[i];
-            t.share = part;
-            t.spring.law = AnchorLaw::kCubicTension;
-            t.spring.anchor = mesh.X.col(to) + h * mesh.node_normal.col(to);
-            t.spring.rest_length = (t.spring.anchor - mesh.X.col(a)).norm();
-            t.spring.k = {1.0 / (h * h), 0.0, 1.0};
-            ligament.tethers.push_back(t);
-        };
-        const auto count = static_cast<double>(neighbours[i].size());
-        add(a, count > 0.0 ? 0.5 * share : share);
-        for (const auto b : neighbours[i]) add(b, 0.5 * share / count);
+    const auto fans = make_fans(X, n, ligament.node, neighbours, h, kDiagonalShare, {4.0 / (h * h), 0.0, 1.0});
+    for (std::size_t i = 0; i < fans.size(); ++i) {
+        Tether t;
+        t.kind = Tether::Kind::kFan;
+        t.node = ligament.node[i];
+        t.parameter = ligament.group[i];
+        t.share = weight[i] / group_weight[static_cast<std::size_t>(ligament.group[i])];
+        t.fan = fans[i];
+        ligament.tethers.push_back(t);
     }
 }
 
@@ -174,7 +173,7 @@ Ligament make_ligament(const TetMesh& mesh, const std::vector<NodeProbability>& 
     const bool strings = settings.model == "cubic_springs" ||
                          (settings.model == "auto" && data.law == LigamentLaw::kCubicSpring);
     if (strings)
-        add_strings(mesh, data, weight, group_weight, ligament);
+        add_springs(mesh, data, weight, group_weight, ligament);
     else
         add_band(mesh, settings.shear_ratio > 0.0 ? settings.shear_ratio : band_shear_ratio(data), weight,
                  group_weight, ligament);

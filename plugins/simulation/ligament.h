@@ -11,10 +11,11 @@
 //
 // Two models of what a group is made of:
 //   band            a solid band glued to the surface, far edge fixed (tether.h); the default for a
-//   neo-Hookean ligament cubic_springs   strings to the far edge, which pull and never push: from every node
-//   to its own anchor X + h n and to
-//                   the anchors of its neighbours, f = theta w (d + d^3/h^2), d the elongation (paper eq. 3,
-//                   kb = 0)
+//                   neo-Hookean ligament
+//   cubic_springs   two layers of springs that pull and never push, extruded along the normal over the region
+//                   (spring_fan.h): between the surface, a free layer at X + h/2 n and the far edge X + h n, each
+//                   node joined to its own column and to those of its mesh neighbours, which take up shear. A
+//                   column stretched by d along n pulls with theta w (d + d^3/h^2)
 #pragma once
 
 #include <string>

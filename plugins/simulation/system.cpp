@@ -12,6 +12,7 @@ using Eigen::Vector3d;
 MechanicalSystem::MechanicalSystem(Parts parts) : parts_(std::move(parts)) {
     std::vector<std::set<NodeIndex>> neighbours(num_nodes());
     parts_.body.couple(neighbours);
+    couple(parts_.tethers, neighbours);
     pattern_ = BlockPattern::make(neighbours, parts_.held);
     parts_.body.bind(pattern_);
     work_ = std::make_unique<Work>(parts_.threads);

@@ -1,5 +1,7 @@
 #include "plugins/simulation/tether.h"
 
+#include <algorithm>
+
 namespace teres {
 
 using Eigen::Matrix3d;
@@ -42,6 +44,8 @@ double energy_and_gradient(const Tether& t, const Vector3d& x, Vector3d& gradien
             gradient = length > 0.0 ? Vector3d(k * stretch / length * d) : Vector3d::Zero();
             return 0.5 * k * stretch * stretch;
         }
+        case Tether::Kind::kFan:
+            break;  // of several nodes: add_fan_gradient
     }
     return 0.0;
 }
@@ -51,10 +55,21 @@ double energy_and_gradient(const Tether& t, const Vector3d& x, Vector3d& gradien
 void add_tether_gradient(const std::vector<Tether>& tethers, const double* theta, const double* x,
                          double* gradient, double* energy, std::size_t stride, std::size_t lanes) noexcept {
     for (const auto& t : tethers) {
+        const auto theta_of = [&](std::size_t l) {
+            return t.parameter < 0 ? 1.0 : theta[static_cast<std::size_t>(t.parameter) * stride + l];
+        };
+        if (t.kind == Tether::Kind::kFan) {
+            for (std::size_t first = 0; first < lanes; first += kPackLanes) {
+                std::array<double, kPackLanes> factor{};
+                for (std::size_t l = 0; l < kPackLanes; ++l)
+                    factor[l] = t.share * theta_of(std::min(first + l, lanes - 1));
+                add_fan_gradient(t.fan, factor.data(), x, gradient, energy, stride, first, lanes);
+            }
+            continue;
+        }
         const std::size_t d = 3 * static_cast<std::size_t>(t.node);
         for (std::size_t l = 0; l < lanes; ++l) {
-            const double k =
-                t.parameter < 0 ? 1.0 : theta[static_cast<std::size_t>(t.parameter) * stride + l];
+            const double k = theta_of(l);
             Vector3d g = Vector3d::Zero();
             energy[l] += k * energy_and_gradient(
                                  t, {x[d * stride + l], x[(d + 1) * stride + l], x[(d + 2) * stride + l]}, g);
@@ -89,6 +104,8 @@ Matrix3d tether_stiffness(const Tether& t, const Vector3d& x) noexcept {
             const Matrix3d nn = d * d.transpose() / (length * length);
             return k * (nn + (1.0 - t.spring.rest_length / length) * (Matrix3d::Identity() - nn));
         }
+        case Tether::Kind::kFan:
+            break;
     }
     return Matrix3d::Zero();
 }
@@ -97,9 +114,18 @@ void add_tether_tangent(const std::vector<Tether>& tethers, const double* theta,
                         const BlockPattern& pattern, std::vector<double>& values) noexcept {
     for (const auto& t : tethers) {
         const double k = t.parameter < 0 ? 1.0 : theta[static_cast<std::size_t>(t.parameter)];
-        pattern.add(t.node, t.node, pattern.block(t.node, t.node), k * tether_stiffness(t, x.col(t.node)),
-                    values);
+        for_stiffness_blocks(t, x, [&](std::size_t i, std::size_t j, const Matrix3d& K) {
+            const NodeIndex a = t.node_at(i), b = t.node_at(j);
+            if (a <= b) pattern.add(a, b, pattern.block(a, b), k * K, values);
+        });
     }
+}
+
+void couple(const std::vector<Tether>& tethers, std::vector<std::set<NodeIndex>>& neighbours) {
+    for (const auto& t : tethers)
+        for (std::size_t i = 0; i < t.num_nodes(); ++i)
+            for (std::size_t j = 0; j < t.num_nodes(); ++j)
+                if (i != j) neighbours[static_cast<std::size_t>(t.node_at(i))].insert(t.node_at(j));
 }
 
 }  // namespace teres

@@ -41,6 +41,9 @@ class LigamentSlack final : public Effect {
             if (t.kind == Tether::Kind::kBand) {
                 t.band.rest -= w * v[0] * t.band.normal;
                 t.band.dead_zone_m += w * v[1];
+            } else if (t.kind == Tether::Kind::kFan) {
+                for (auto& spring : t.fan.near)
+                    spring.rest_length_m = std::max(1e-6, spring.rest_length_m + w * (v[0] + v[1]));
             } else {
                 t.spring.rest_length = std::max(1e-6, t.spring.rest_length + w * (v[0] + v[1]));
             }

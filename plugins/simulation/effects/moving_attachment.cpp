@@ -63,6 +63,8 @@ class MovingAttachment final : public Effect {
             const Eigen::Vector3d shift = (1.0 + tilt.dot(scene.mesh.X.col(t.node) - middle_)) * b;
             t.band.rest += shift;
             t.spring.anchor += shift;
+            t.fan.middle += shift;
+            for (auto& spring : t.fan.far) spring.anchor += shift;
         }
     }
 
