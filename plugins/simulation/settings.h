@@ -1,12 +1,15 @@
 // Settings of the unit `simulation`: default, unit, range and help of each, in one place.
 #pragma once
 
+#include <algorithm>
 #include <string>
 
 #include "core/plugin_sdk.h"
 #include "plugins/simulation/scene_player.h"
 
 namespace teres {
+
+constexpr double kTrajectoryResidual = 1e-3;
 
 struct SimulationSettings {
     std::string case_folder;
@@ -83,7 +86,12 @@ struct SimulationSettings {
         field("max_step_s", max_step_s, {1e-5, 1.0}, "trajectories of dynamic cases: longest time step");
     }
 
-    PlayerSettings player_settings() const { return {model_settings(), max_step_s, true}; }
+    PlayerSettings player_settings() const {
+        PlayerSettings p{model_settings(), max_step_s, true};
+        // an error of 1e-5 of the body's extent: far below what any recording shows
+        p.model.equilibrium.relative_residual = std::max(p.model.equilibrium.relative_residual, kTrajectoryResidual);
+        return p;
+    }
 
     CaseModelSettings model_settings() const {
         CaseModelSettings m;

@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "core/check.h"
 #include "plugins/simulation/cholesky.h"
@@ -18,6 +19,25 @@ namespace {
 
 constexpr double kDerivativeStep = 1e-3;  // of the way to the other hypothesis
 constexpr Eigen::Index kModes = 24;       // of a dynamic case
+constexpr std::size_t kCompliances = 12;  // frames at which the tangent is factorised
+
+// Frames far apart in the space of shapes, each as far as possible from those before it (Gonzalez' farthest points); and
+// for every frame the number of the nearest of them.
+std::vector<std::size_t> distinct_frames(const std::vector<VectorXd>& x, std::vector<std::size_t>& nearest) {
+    std::vector<std::size_t> chosen;
+    std::vector<double> distance(x.size(), std::numeric_limits<double>::infinity());
+    nearest.assign(x.size(), 0);
+    for (std::size_t next = 0; chosen.size() < std::min(kCompliances, x.size());) {
+        for (std::size_t f = 0; f < x.size(); ++f)
+            if (const double d = (x[f] - x[next]).squaredNorm(); d < distance[f]) {
+                distance[f] = d;
+                nearest[f] = chosen.size();
+            }
+        chosen.push_back(next);
+        next = static_cast<std::size_t>(std::max_element(distance.begin(), distance.end()) - distance.begin());
+    }
+    return chosen;
+}
 
 // dz/dx_i of a rider z = sum w_i x_i + o n, n = c/|c|, c = (x_1 - x_0) x (x_2 - x_0):  dn = (I - n n^T)/|c|
 // dc
@@ -150,9 +170,9 @@ void Trajectory::enter_frame(const Hypothesis& h, std::size_t f, ViscousMemory& 
     if (scene.viscosity.empty()) return;
     memory.enter_step(scene.viscosity, player_->step_s(f), scene.body_points());
     std::vector<std::vector<double>> S;
-    for (std::size_t s = 0; s < base_.frame[f].sets.size(); ++s)
+    for (std::size_t s = 0; s < base_.frame[f].size(); ++s)
         if (scene.parts.body.points()[s].part.shear != 0.0)
-            S.emplace_back(base_.frame[f].sets[s].S.begin(), base_.frame[f].sets[s].S.end());
+            S.emplace_back(base_.frame[f][s].S.begin(), base_.frame[f][s].S.end());
     std::vector<const std::vector<double>*> stress;
     for (const auto& s : S) stress.push_back(&s);
     memory.finish_step(scene.viscosity, player_->step_s(f), stress);
@@ -201,7 +221,7 @@ bool Trajectory::factorise(const Hypothesis& h, const ExternalActions& actions, 
     return factor.factorised();
 }
 
-// Fills base_.frame: stresses of every frame, compliances (one of the mean state and its modes if dynamic).
+// Stresses of every frame; compliances (one of the mean state and its modes if dynamic).
 void Trajectory::prepare_frames(bool points) const {
     Scene& scene = player_->scene();
     const auto& pattern = player_->model().system().pattern();
@@ -210,36 +230,38 @@ void Trajectory::prepare_frames(bool points) const {
     ExternalActions actions;
     ViscousMemory memory;
     std::vector<double> S, psi, F;
-    base_.frame.resize(base_.x.size());
-    VectorXd mean = VectorXd::Zero(base_.x.front().size());
-    const auto solve = [&](const VectorXd& x, FrameState& state) {
+    const auto solve = [&](const VectorXd& x, Compliance& out) {
         if (!factorise(h, actions, x, factor)) return;
-        if (!base_.with_markers) {
-            MatrixXd Ht = marker_rows(x.data());
+        const auto rows = [&](MatrixXd Ht) -> Eigen::MatrixXf {
             factor.solve(Ht);
-            state.C = Ht.transpose().cast<float>();
-        }
-        if (points) {
-            MatrixXd Ht = point_rows();
-            factor.solve(Ht);
-            state.C_points = Ht.transpose().cast<float>();
-        }
+            return Ht.transpose().cast<float>();
+        };
+        if (!base_.with_markers) out.markers = rows(marker_rows(x.data()));
+        if (points) out.points = rows(point_rows());
     };
-    for (std::size_t f = 0; f < base_.x.size(); ++f) {
-        FrameState& state = base_.frame[f];
-        const auto& sets = scene.parts.body.points();
-        if (state.sets.empty())
-            for (const auto& set : sets) {
+    const std::size_t num_frames = base_.x.size();
+    std::vector<std::size_t> at{0};
+    if (!scene.dynamic) at = distinct_frames(base_.x, base_.nearest);
+    base_.compliance.resize(at.size());
+    const bool first = base_.frame.empty();
+    base_.frame.resize(num_frames);
+    for (std::size_t f = 0; f < num_frames; ++f) {
+        if (first)
+            for (const auto& set : scene.parts.body.points()) {
                 elastic_stress(set, scene.parts.body.material(), base_.x[f].data(), S, &psi, &F);
-                state.sets.push_back({{S.begin(), S.end()}, {psi.begin(), psi.end()}, {F.begin(), F.end()}});
+                base_.frame[f].push_back({{S.begin(), S.end()}, {psi.begin(), psi.end()}, {F.begin(), F.end()}});
             }
-        mean += base_.x[f] / static_cast<double>(base_.x.size());
         enter_frame(h, f, memory, actions);
-        if (!scene.dynamic) solve(base_.x[f], state);
+        const auto knot = std::find(at.begin(), at.end(), f);
+        if (!scene.dynamic && knot != at.end())
+            solve(base_.x[f], base_.compliance[static_cast<std::size_t>(knot - at.begin())]);
     }
     if (scene.dynamic) {
-        player_->enter(time_s(base_.x.size() - 1), h, effects_, actions);  // without memory
-        solve(mean, base_.frame.front());
+        VectorXd mean = VectorXd::Zero(base_.x.front().size());
+        for (const VectorXd& x : base_.x) mean += x / static_cast<double>(num_frames);
+        base_.nearest.assign(num_frames, 0);
+        player_->enter(time_s(num_frames - 1), h, effects_, actions);  // without memory
+        solve(mean, base_.compliance.front());
         if (!factor.factorised()) return;
         VectorXd mass(pattern.num_rows());
         for (Eigen::Index i = 0; i < scene.parts.node_mass_kg.size(); ++i)
@@ -273,7 +295,7 @@ void Trajectory::change_of_gradient(const Hypothesis& h, const ExternalActions& 
     const auto& sets = scene.parts.body.points();
     for (std::size_t s = 0; s < sets.size(); ++s) {
         const StrainPoints& now = sets[s];
-        const BodyState& state = base_.frame[frame].sets[s];
+        const BodyState& state = base_.frame[frame][s];
         const auto &scale = base.scale[s], &prestress = base.prestress[s];
         const double mu = now.part.shear * scene.parts.body.material().mu();
         const double b_now = now.stiffening != 0.0 ? now.stiffening / mu : 0.0,
@@ -344,8 +366,8 @@ bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<doubl
     TERES_CHECK(!with_points || points_m.size() == others.size() * F * P);
     if (!base_.with_markers || (with_points && !base_.with_points)) prepare_frames(with_points);
     Scene& scene = player_->scene();
-    for (std::size_t f = 0; f < (scene.dynamic ? 1 : F); ++f)
-        if (base_.frame[f].C.size() == 0) return false;
+    for (const Compliance& c : base_.compliance)
+        if (c.markers.size() == 0) return false;
 
     struct Other {
         Point at;
@@ -383,7 +405,7 @@ bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<doubl
         add_tether_gradient(scene.parts.tethers, h.theta.data(), base_.x[f].data(), base.g_ties.data(),
                             &energy, 1, 1);
 
-        const FrameState& state = base_.frame[scene.dynamic ? 0 : f];
+        const Compliance& C = base_.compliance[base_.nearest[f]];
         for (std::size_t k = 0; k < others.size(); ++k) {
             enter_frame(other[k].at.hypothesis(), f, other[k].memory, actions);
             change_of_gradient(other[k].at.hypothesis(), actions, f, base, dg);
@@ -395,8 +417,8 @@ bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<doubl
                 if (node < 0 || dg.segment<3>(3 * i).isZero(0.0)) continue;
                 force.segment<3>(3 * node) = dg.segment<3>(3 * i) / -kDerivativeStep;
                 const Eigen::Vector3f part = force.segment<3>(3 * node).cast<float>();
-                dz += (state.C.middleCols<3>(3 * node) * part).cast<double>();
-                if (with_points) dp += (state.C_points.middleCols<3>(3 * node) * part).cast<double>();
+                dz += (C.markers.middleCols<3>(3 * node) * part).cast<double>();
+                if (with_points) dp += (C.points.middleCols<3>(3 * node) * part).cast<double>();
             }
             if (scene.dynamic) {
                 const VectorXd modal = base_.modal->modes().transpose() * force;
@@ -422,15 +444,16 @@ bool Trajectory::marker_compliance(std::int32_t node, std::span<double> out) con
         static_cast<std::size_t>(node) >= num_nodes())
         return false;
     if (!base_.with_markers) prepare_frames(false);
-    for (const auto& state : base_.frame)
-        if (state.C.size() == 0) return false;
+    for (const Compliance& c : base_.compliance)
+        if (c.markers.size() == 0) return false;
     const auto row = 3 * static_cast<Eigen::Index>(player_->model().system().pattern().free_index(node));
     for (std::size_t f = 0; f < num_frames(); ++f)
         for (std::size_t r = 0; r < M; ++r)
             for (std::size_t b = 0; b < 3; ++b)
-                out[(f * M + r) * 3 + b] = row < 0 ? 0.0
-                                                   : base_.frame[f].C(static_cast<Eigen::Index>(r),
-                                                                      row + static_cast<Eigen::Index>(b));
+                out[(f * M + r) * 3 + b] =
+                    row < 0 ? 0.0
+                            : base_.compliance[base_.nearest[f]].markers(static_cast<Eigen::Index>(r),
+                                                                         row + static_cast<Eigen::Index>(b));
     return true;
 }
 

@@ -3,8 +3,9 @@
 //
 //     K_f dx = -(g(x_f; other) - g(x_f; base)),   dz_f = H_f dx = -C_f dg,   C_f = H_f K_f^-1   (3M x 3N)
 //
-// x_f: the base trajectory, H_f: derivative of the markers by the nodes. C_f is kept (single precision). A
-// dynamic case responds by the modes about the mean of its trajectory (modal_response.h).
+// x_f: the base trajectory, H_f: derivative of the markers by the nodes. C is made (and kept in single precision) at a
+// few frames far apart in the space of shapes; every frame takes that of the nearest shape, its gradient change is
+// its own. A dynamic case responds by the modes about the mean of its trajectory (modal_response.h).
 #pragma once
 
 #include <memory>
@@ -79,17 +80,18 @@ class Trajectory final : public TrajectoryModel {
     struct BodyState {  // of a set of strain points, elastic_stress()
         std::vector<float> S, psi, F;
     };
-    struct FrameState {
-        std::vector<BodyState> sets;
-        Eigen::MatrixXf C,
-            C_points;  // compliance, rows x free dofs; of a dynamic case: at the mean state, frame 0 only
+    using FrameState = std::vector<BodyState>;  // per set
+    struct Compliance {                         // rows x free dofs
+        Eigen::MatrixXf markers, points;
     };
     struct Base {
         std::vector<double> theta;
         std::vector<std::vector<double>> values;
         std::vector<EffectInstance> effects;
         std::vector<Eigen::VectorXd> x, v, a;         // per frame, 3N; v, a: dynamic
-        std::vector<FrameState> frame;                // made on first use
+        std::vector<FrameState> frame;                // made on first use, as all below
+        std::vector<Compliance> compliance;           // of a dynamic case: one, at the mean state
+        std::vector<std::size_t> nearest;             // compliance of each frame
         std::unique_ptr<ModalResponse> modal;         // dynamic
         Eigen::MatrixXd modal_markers, modal_points;  // H phi
         bool with_markers = false, with_points = false;
