@@ -51,14 +51,20 @@ class TrajectoryModel : public EffectCatalogue {
     virtual TrajectoryReport simulate(const Hypothesis& h, std::span<double> markers_m, std::span<double> points_m,
                                       std::span<double> nodes_m) noexcept = 0;
 
-    /// First-order response of markers (and points if not empty) when hypothesis `base` (that of the last simulate()) is
+    /// simulate() at a fraction of its cost where the recording allows it: only frames between which the change from the last
+    /// simulate() does not follow from its first order are solved; between them the rest of the change is interpolated in time.
+    virtual TrajectoryReport approximate(const Hypothesis& h, std::span<double> markers_m) noexcept {
+        return simulate(h, markers_m, {}, {});
+    }
+
+    /// First-order response of markers (and points if not empty) when hypothesis `base` (that of the last simulate() or approximate()) is
     /// replaced by each of `others`: quasi-static, per frame  K(x; base) dx = -dg, dg the derivative of the gradient
     /// g(x; .) from `base` towards `other` along the transformed parameters (ln theta; amplitudes from their null value
     /// where `base` has not the effect). Column k of the output (3 M F rows each) is the change of the marker trajectory.
     virtual bool first_order(std::span<const Hypothesis> others, std::span<double> markers_m,
                              std::span<double> points_m) noexcept = 0;
 
-    /// Response of markers to a unit force [m/N] on a node, per frame, at the last simulate(): out[(f * 3 M + r) * 3 + b]
+    /// Response of markers to a unit force [m/N] on a node, per frame, at the last trajectory: out[(f * 3 M + r) * 3 + b]
     /// for marker row r and force direction b.
     virtual bool marker_compliance(std::int32_t node, std::span<double> out) const noexcept = 0;
 

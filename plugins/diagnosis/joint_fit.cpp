@@ -51,7 +51,7 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
         Fit fit;
         fit.at = space.assumption(coordinates(u));
         fit.u = (space.coordinates(fit.at) - space.prior_mean()).cwiseQuotient(space.prior_stdev());  // within bounds
-        fit.usable = simulator.simulate(fit.at, fit.trajectory);
+        fit.usable = simulator.approximate(fit.at, fit.trajectory);
         if (!fit.usable) {
             fit.cost = std::numeric_limits<double>::infinity();
             return fit;

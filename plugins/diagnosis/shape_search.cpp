@@ -36,7 +36,7 @@ void improve_shapes(Simulator& simulator, const Whitener& whitener, const Eigen:
         if (costs.minCoeff(&best) >= fit.misfit * (1.0 - 1e-3)) return;
         Fit moved = fit_jointly(simulator, whitener, observed, others[static_cast<std::size_t>(best)], {2, 0.01, false});
         if (!moved.usable || moved.cost >= fit.cost) {
-            simulator.simulate(fit.at, fit.trajectory);
+            simulator.approximate(fit.at, fit.trajectory);
             return;
         }
         fit = std::move(moved);

@@ -51,7 +51,19 @@ bool Simulator::simulate(const Assumption& assumption, Eigen::VectorXd& observed
         mechanics_.simulate({assumption.theta, list}, {base_true_.data(), rows_},
                             points_m != nullptr ? std::span<double>(*points_m) : std::span<double>(),
                             nodes_m != nullptr ? std::span<double>(*nodes_m) : std::span<double>());
+    return keep(assumption, report, observed);
+}
+
+bool Simulator::approximate(const Assumption& assumption, Eigen::VectorXd& observed) {
+    if (base_true_.size() > 0 && same_mechanics(base_, assumption)) return keep(assumption, base_report_, observed);
+    base_true_.resize(static_cast<Eigen::Index>(rows_));
+    const auto list = instances(assumption, false);
+    return keep(assumption, mechanics_.approximate({assumption.theta, list}, {base_true_.data(), rows_}), observed);
+}
+
+bool Simulator::keep(const Assumption& assumption, TrajectoryReport report, Eigen::VectorXd& observed) {
     base_ = assumption;
+    base_report_ = report;
     base_observed_ = observe(assumption, base_true_);
     observed = base_observed_;
     return observed.allFinite() &&

@@ -24,19 +24,22 @@ class Simulator {
     const EffectTable& effects() const { return effects_; }
     TrajectoryModel& mechanics() const { return mechanics_; }
 
-    /// Simulates and keeps the result as base of responses(). False: too many frames did not converge.
+    /// Simulates every frame and keeps the result as base of responses(). False: too many frames did not converge.
     bool simulate(const Assumption& assumption, Eigen::VectorXd& observed);
     /// Also the validation points (3 P F) and all nodes (3 N F) where not null.
     bool simulate(const Assumption& assumption, Eigen::VectorXd& observed, std::vector<double>* points_m,
                   std::vector<double>* nodes_m);
+    /// simulate() at a fraction of its cost (TrajectoryModel::approximate).
+    bool approximate(const Assumption& assumption, Eigen::VectorXd& observed);
     /// First-order change of the observed trajectory when the base gives way to each of `others`.
     Eigen::MatrixXd responses(const std::vector<Assumption>& others, const Progress& progress = {});
     /// Factor on the stated noise.
     double noise_factor(const Assumption& assumption) const;
-    /// Assumption of the last successful simulate().
+    /// Assumption of the last trajectory.
     const Assumption& base() const { return base_; }
 
   private:
+    bool keep(const Assumption& assumption, TrajectoryReport report, Eigen::VectorXd& observed);
     std::vector<EffectInstance> instances(const Assumption& assumption, bool sensor) const;
     Eigen::VectorXd observe(const Assumption& assumption, const Eigen::VectorXd& true_m) const;
     void simulate_changes(std::span<const Hypothesis> hypotheses, Eigen::MatrixXd& change);
@@ -48,6 +51,7 @@ class Simulator {
     std::size_t rows_;
     std::vector<double> times_;
     Assumption base_;
+    TrajectoryReport base_report_;
     Eigen::VectorXd base_true_, base_observed_;
 };
 

@@ -20,6 +20,8 @@ namespace {
 constexpr double kDerivativeStep = 1e-3;  // of the way to the other hypothesis
 constexpr Eigen::Index kModes = 24;       // of a dynamic case
 constexpr std::size_t kCompliances = 12;  // frames at which the tangent is factorised
+constexpr std::size_t kSolvedShare = 3;   // approximate(): one in so many frames is solved
+constexpr std::size_t kFewFrames = 24;    // ... of more than these
 
 // Frames far apart in the space of shapes, each as far as possible from those before it (Gonzalez' farthest points); and
 // for every frame the number of the nearest of them.
@@ -37,6 +39,48 @@ std::vector<std::size_t> distinct_frames(const std::vector<VectorXd>& x, std::ve
         next = static_cast<std::size_t>(std::max_element(distance.begin(), distance.end()) - distance.begin());
     }
     return chosen;
+}
+
+// The fewest frames (at most `most`) between which the columns of z may be interpolated in time: the ends, and again and
+// again the frame where that is worst.
+std::vector<std::int32_t> frames_to_solve(const MatrixXd& z, std::size_t most) {
+    std::vector<char> solved(static_cast<std::size_t>(z.cols()), 0);
+    solved.front() = solved.back() = 1;
+    for (std::size_t count = 2; count < most; ++count) {
+        double worst = -1.0;
+        Eigen::Index worst_frame = 0;
+        for (Eigen::Index from = 0, to = 1; to < z.cols(); ++to) {
+            if (!solved[static_cast<std::size_t>(to)]) continue;
+            for (Eigen::Index f = from + 1; f < to; ++f) {
+                const double share = static_cast<double>(f - from) / static_cast<double>(to - from);
+                const double error = (z.col(f) - (1.0 - share) * z.col(from) - share * z.col(to)).norm() +
+                                     1e-9 * static_cast<double>(std::min(f - from, to - f));  // ties: in the middle
+                if (error > worst) {
+                    worst = error;
+                    worst_frame = f;
+                }
+            }
+            from = to;
+        }
+        if (worst < 0.0) break;
+        solved[static_cast<std::size_t>(worst_frame)] = 1;
+    }
+    std::vector<std::int32_t> frames;
+    for (std::size_t f = 0; f < solved.size(); ++f)
+        if (solved[f]) frames.push_back(static_cast<std::int32_t>(f));
+    return frames;
+}
+
+// Columns at `frames` to all columns, linearly between them.
+MatrixXd interpolate(const MatrixXd& at_frames, const std::vector<std::int32_t>& frames, Eigen::Index count) {
+    MatrixXd out(at_frames.rows(), count);
+    for (std::size_t k = 0; k + 1 < frames.size(); ++k)
+        for (auto f = frames[k]; f <= frames[k + 1]; ++f) {
+            const double share = static_cast<double>(f - frames[k]) / (frames[k + 1] - frames[k]);
+            out.col(f) = (1.0 - share) * at_frames.col(static_cast<Eigen::Index>(k)) +
+                         share * at_frames.col(static_cast<Eigen::Index>(k + 1));
+        }
+    return out;
 }
 
 // dz/dx_i of a rider z = sum w_i x_i + o n, n = c/|c|, c = (x_1 - x_0) x (x_2 - x_0):  dn = (I - n n^T)/|c|
@@ -94,17 +138,22 @@ void Trajectory::surface_triangles(std::span<std::int32_t> node) const noexcept 
     for (std::size_t t = 0; t < surface.size(); ++t) std::copy_n(surface[t].begin(), 3, node.begin() + 3 * t);
 }
 
+void Trajectory::start_base(const Hypothesis& h) {
+    base_ = {};
+    base_.theta.assign(h.theta.begin(), h.theta.end());
+    for (const auto& e : h.effects) base_.values.emplace_back(e.values.begin(), e.values.end());
+    for (std::size_t e = 0; e < h.effects.size(); ++e)
+        base_.effects.push_back({h.effects[e].index, base_.values[e]});
+}
+
 TrajectoryReport Trajectory::simulate(const Hypothesis& h, std::span<double> markers_m,
                                       std::span<double> points_m, std::span<double> nodes_m) noexcept {
     CaseModel& model = player_->model();
     const std::size_t dofs = 3 * model.num_nodes(), markers = 3 * num_markers(), points = 3 * num_points(),
                       state = model.num_state();
     const std::vector<VectorXd> previous = std::move(base_.x);
-    base_ = {};
-    base_.theta.assign(h.theta.begin(), h.theta.end());
-    for (const auto& e : h.effects) base_.values.emplace_back(e.values.begin(), e.values.end());
-    for (std::size_t e = 0; e < h.effects.size(); ++e)
-        base_.effects.push_back({h.effects[e].index, base_.values[e]});
+    start_base(h);
+    whole_ = {};
 
     std::vector<double> whole(state, 0.0);
     const auto visit = [&](std::size_t f, const double* x) {
@@ -137,6 +186,58 @@ TrajectoryReport Trajectory::simulate(const Hypothesis& h, std::span<double> mar
             base_.v.push_back((base_.x[m + 1] - base_.x[m - 1]) / (2.0 * step));
             base_.a.push_back((base_.x[m + 1] - 2.0 * base_.x[m] + base_.x[m - 1]) / (step * step));
         }
+    return report;
+}
+
+// z_f(h) = z_f + dz_f + r_f about the last whole trajectory: dz first order at every frame, r the rest, known where frames
+// are solved. Nodes between them follow the interpolated change: good enough for the derivatives of first_order().
+TrajectoryReport Trajectory::approximate(const Hypothesis& h, std::span<double> markers_m) noexcept {
+    CaseModel& model = player_->model();
+    const std::size_t dofs = 3 * model.num_nodes(), F = num_frames();
+    const auto rows = static_cast<Eigen::Index>(3 * num_markers()), frames = static_cast<Eigen::Index>(F);
+    if (F <= kFewFrames || player_->scene().dynamic || (base_.x.empty() && whole_.x.empty()))
+        return simulate(h, markers_m, {}, {});
+    const std::vector<VectorXd> previous = base_.x;
+    if (!whole_.x.empty()) base_ = std::move(whole_);
+    MatrixXd change(rows, frames);
+    const bool predicted = first_order({&h, 1}, {change.data(), static_cast<std::size_t>(change.size())}, {});
+    ExternalActions actions;
+    player_->enter(time_s(0), h, effects_, actions);
+    const bool memory = !player_->scene().viscosity.empty();
+    if (!predicted || memory) return simulate(h, markers_m, {}, {});
+    whole_ = std::move(base_);
+    start_base(h);
+
+    const std::vector<std::int32_t> solved = frames_to_solve(change, F / kSolvedShare);
+    const auto last_solved = [&](std::size_t f) {
+        return static_cast<std::size_t>(*(std::lower_bound(solved.begin(), solved.end(), static_cast<std::int32_t>(f)) - 1));
+    };
+    std::vector<double> whole(model.num_state(), 0.0);
+    MatrixXd node_change(static_cast<Eigen::Index>(dofs), static_cast<Eigen::Index>(solved.size())), rest(rows, node_change.cols());
+    const auto markers = [&](const double* x) {
+        VectorXd z(rows);
+        std::copy_n(x, dofs, whole.begin());
+        model.observe(whole, {z.data(), static_cast<std::size_t>(rows)}, 1);
+        return z;
+    };
+    Eigen::Index k = 0;
+    const TrajectoryReport report = player_->play(
+        h, effects_, solved,
+        [&](std::size_t f, const double* x) {
+            const auto column = static_cast<Eigen::Index>(f);
+            node_change.col(k) = Eigen::Map<const VectorXd>(x, node_change.rows()) - whole_.x[f];
+            rest.col(k++) = markers(x) - markers(whole_.x[f].data()) - change.col(column);
+        },
+        [&](std::size_t f, double* x) {
+            if (f > 0) Eigen::Map<VectorXd>(x, node_change.rows()) += previous[f] - previous[last_solved(f)];
+        });
+    change += interpolate(rest, solved, frames);
+    const MatrixXd nodes = interpolate(node_change, solved, frames);
+    for (Eigen::Index f = 0; f < frames; ++f) {
+        const VectorXd& x = whole_.x[static_cast<std::size_t>(f)];
+        Eigen::Map<VectorXd>(markers_m.data() + f * rows, rows) = markers(x.data()) + change.col(f);
+        base_.x.push_back(x + nodes.col(f));
+    }
     return report;
 }
 

@@ -54,6 +54,7 @@ class Trajectory final : public TrajectoryModel {
 
     TrajectoryReport simulate(const Hypothesis& h, std::span<double> markers_m, std::span<double> points_m,
                               std::span<double> nodes_m) noexcept override;
+    TrajectoryReport approximate(const Hypothesis& h, std::span<double> markers_m) noexcept override;
     bool first_order(std::span<const Hypothesis> others, std::span<double> markers_m,
                      std::span<double> points_m) noexcept override;
     bool marker_compliance(std::int32_t node, std::span<double> out) const noexcept override;
@@ -116,6 +117,7 @@ class Trajectory final : public TrajectoryModel {
     Point toward(const Hypothesis& other, double share) const;
 
     Trajectory() = default;
+    void start_base(const Hypothesis& h);
     void add_variants(const Case& c, const PlayerSettings& settings);
     void prepare_frames(bool points) const;
     bool factorise(const Hypothesis& h, const ExternalActions& actions, const Eigen::VectorXd& x,
@@ -133,6 +135,7 @@ class Trajectory final : public TrajectoryModel {
     std::vector<std::unique_ptr<Effect>> effects_;
     std::vector<Variant> variants_;
     mutable Base base_;  // its frames are made on first use
+    Base whole_;         // the last trajectory of which every frame was solved, while base_ is an approximate one
 };
 
 }  // namespace teres
