@@ -51,6 +51,8 @@ struct Problem {
     Fit fit(const Assumption& start, int iterations, bool robust = false) {
         return fit_jointly(simulator, whitener, recording.observed, start, {iterations, 0.01, robust});
     }
+    /// Every frame simulated, exact derivatives: the base of a search.
+    void complete(Fit& fit) { teres::complete(simulator, whitener, recording.observed, fit); }
 };
 
 double mean_square(const Recording& r, const Eigen::VectorXd& simulated, const std::vector<Eigen::Index>& rows) {
@@ -77,7 +79,10 @@ Fit nominal_fit(Problem& problem) {
                                                     std::pow(problem.options.calibration.white_floor_m, 2)))
         problem.recording.hold_out_markers();
     reweigh(fit.trajectory);
-    return problem.fit(fit.at, 3, true);
+    problem.complete(fit);  // the frames between follow from a whole trajectory nearby
+    fit = problem.fit(fit.at, 3, true);
+    problem.complete(fit);
+    return fit;
 }
 
 // The effect `noise` moves nothing; it is worth the white part of what is left.
@@ -106,6 +111,9 @@ Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const Effe
     cause.entries.push_back(added.entry);
     cause.search_cost += added.search_cost;
     start.effects.push_back(added.start);
+    const bool sensor = problem.simulator.effects()[added.entry].sensor;
+    Eigen::VectorXd trajectory;
+    if (!sensor && !problem.simulator.simulate(start, trajectory)) return cause;  // a whole trajectory with the effect on
     cause.fit = problem.fit(start, iterations);
     if (!cause.fit.usable) return cause;
     improve_shapes(problem.simulator, problem.whitener, problem.recording.observed, cause.fit);
@@ -145,9 +153,8 @@ std::vector<std::size_t> worth_refitting(const Screening& screening, std::size_t
 // Screens all effects on top of `known` (null: nothing) and refits the best.
 std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* known, Screening& screening) {
     const DiagnosisOptions& options = problem.options;
-    const Fit& base = known != nullptr ? known->fit : nominal;
-    Eigen::VectorXd trajectory;
-    problem.simulator.simulate(base.at, trajectory);
+    Fit base = known != nullptr ? known->fit : nominal;
+    problem.complete(base);
     screening = screen(problem.simulator, problem.whitener, base, options.calibration,
                        known != nullptr ? known->entries : std::vector<std::size_t>{},
                        stage(options, known == nullptr ? "screening effects" : "screening further effects"));

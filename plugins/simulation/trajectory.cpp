@@ -189,8 +189,8 @@ TrajectoryReport Trajectory::simulate(const Hypothesis& h, std::span<double> mar
     return report;
 }
 
-// z_f(h) = z_f + dz_f + r_f about the last whole trajectory: dz first order at every frame, r the rest, known where frames
-// are solved. Nodes between them follow the interpolated change: good enough for the derivatives of first_order().
+// z_f(h) = z_f + (1 + a_f) dz_f + r_f about the last whole trajectory: dz first order at every frame; a and the rest r
+// known where frames are solved, interpolated between them. Nodes between them follow the interpolated change: good enough for the derivatives of first_order().
 TrajectoryReport Trajectory::approximate(const Hypothesis& h, std::span<double> markers_m) noexcept {
     CaseModel& model = player_->model();
     const std::size_t dofs = 3 * model.num_nodes(), F = num_frames();
@@ -231,7 +231,20 @@ TrajectoryReport Trajectory::approximate(const Hypothesis& h, std::span<double> 
         [&](std::size_t f, double* x) {
             if (f > 0) Eigen::Map<VectorXd>(x, node_change.rows()) += previous[f] - previous[last_solved(f)];
         });
-    change += interpolate(rest, solved, frames);
+    // r = a dz + rest, a the slowly varying share by which first order falls short.
+    MatrixXd products(2, rest.cols());
+    for (Eigen::Index i = 0; i < rest.cols(); ++i) {
+        const auto dz = change.col(solved[static_cast<std::size_t>(i)]);
+        products.col(i) << rest.col(i).dot(dz), dz.squaredNorm();
+    }
+    const MatrixXd along = interpolate(products, solved, frames);
+    const Eigen::RowVectorXd share =
+        along.row(0).array() / (along.row(1).array() + 1e-6 * along.row(1).maxCoeff() + 1e-300);
+    for (Eigen::Index i = 0; i < rest.cols(); ++i) {
+        const auto f = solved[static_cast<std::size_t>(i)];
+        rest.col(i) -= share(f) * change.col(f);
+    }
+    change = change * (1.0 + share.array()).matrix().asDiagonal() + interpolate(rest, solved, frames);
     const MatrixXd nodes = interpolate(node_change, solved, frames);
     for (Eigen::Index f = 0; f < frames; ++f) {
         const VectorXd& x = whole_.x[static_cast<std::size_t>(f)];

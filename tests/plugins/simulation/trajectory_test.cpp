@@ -134,8 +134,8 @@ TEST(Trajectory, NullValuesAreNominalExactly) {
     }
 }
 
-// A third of the frames solved: every effect at a candidate's size, and other ligaments.
-TEST(Trajectory, ApproximateIsSimulateWithinAFewPercentOfTheChange) {
+// A third of the frames solved: every effect grown to a candidate's size, and other ligaments.
+TEST(Trajectory, ApproximateIsSimulateWithinATenthOfTheChange) {
     Case c = block();
     const LoadSample load = c.loads[0];
     c.loads.clear();
@@ -145,28 +145,29 @@ TEST(Trajectory, ApproximateIsSimulateWithinAFewPercentOfTheChange) {
         sample.t_s = 0.2 * f;
         sample.force_n = {0.01 * std::sin(1.1 * sample.t_s), -0.02 * std::sin(0.7 * sample.t_s), 0.01};
         c.loads.push_back(sample);
-        for (const auto& m : c.markers_rest) c.observations.push_back({sample.t_s, m.id, m.position_m});
+        for (const auto& m : c.markers) c.observations.push_back({sample.t_s, m.id, m.position_m});
     }
     auto t = *Trajectory::make(c, exact());
     ASSERT_EQ(t->num_frames(), 40u);
     auto theta = prior(*t);
-    auto compare = [&](const char* name, const std::vector<double>& parameters, const std::vector<EffectInstance>& on) {
-        const auto nominal = markers_under(*t, theta, {});
-        std::vector<double> z(nominal.size());
-        const TrajectoryReport r = t->approximate({parameters, on}, z);
+    const auto compare = [&](const char* name, const std::vector<double>& from_theta,
+                             const std::vector<EffectInstance>& from, const std::vector<EffectInstance>& to) {
+        const auto start = markers_under(*t, from_theta, from);
+        std::vector<double> z(start.size());
+        const TrajectoryReport r = t->approximate({theta, to}, z);
         EXPECT_EQ(r.frames_converged, r.frames) << name;
-        const auto exact = markers_under(*t, parameters, on);
-        const Eigen::Map<const VectorXd> a(z.data(), std::ssize(z)), b(exact.data(), std::ssize(exact)),
-            n(nominal.data(), std::ssize(nominal));
-        EXPECT_LE((a - b).norm(), 0.03 * (b - n).norm() + 1e-9) << name;
+        const auto whole = markers_under(*t, theta, to);
+        const Eigen::Map<const VectorXd> a(z.data(), std::ssize(z)), b(whole.data(), std::ssize(whole)),
+            n(start.data(), std::ssize(start));
+        EXPECT_LE((a - b).norm(), 0.1 * (b - n).norm() + 1e-6) << name;  // worst: the heart, faster than the frames
     };
     for (const Sample& s : samples(*t)) {
-        const std::vector<EffectInstance> on{{std::int32_t(s.effect), s.values}};
-        compare(t->effect(s.effect).id, theta, on);
+        const auto part = scaled(*t, s, 0.6);
+        compare(t->effect(s.effect).id, theta, {{std::int32_t(s.effect), part}}, {{std::int32_t(s.effect), s.values}});
     }
     auto softer = theta;
     for (double& v : softer) v *= 0.5;
-    compare("ligaments", softer, {});
+    compare("ligaments", softer, {}, {});
 }
 
 TEST(Trajectory, CandidatesLieWithinBounds) {
