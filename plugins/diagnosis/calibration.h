@@ -21,7 +21,7 @@ struct Calibration {
     /// White part of the model error that the discrepancy columns miss: an absolute part [m] and a share of the
     /// marker's own displacement.
     double white_floor_m = 1.5e-4;
-    double white_share = 0.02;
+    double white_share = 0.005;
     /// The overlap of whitened signatures from which two causes count as inseparable.
     double confusable_overlap = 0.9;
 };

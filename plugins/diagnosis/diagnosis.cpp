@@ -71,7 +71,7 @@ Fit nominal_fit(Problem& problem) {
             whitener_for(problem.recording, problem.discrepancy, about, problem.options.calibration);
     };
     reweigh(motion);
-    Fit fit = problem.fit(prior_median(simulator.mechanics()), 6, true);
+    Fit fit = problem.fit(prior_median(simulator.mechanics()), 8, true);
     if (!fit.usable) return fit;
     const double inside = mean_square(problem.recording, fit.trajectory, problem.recording.fit_rows);
     const double outside = mean_square(problem.recording, fit.trajectory, problem.recording.held_rows);
@@ -79,8 +79,8 @@ Fit nominal_fit(Problem& problem) {
                                                     std::pow(problem.options.calibration.white_floor_m, 2)))
         problem.recording.hold_out_markers();
     reweigh(fit.trajectory);
-    problem.complete(fit);  // the frames between follow from a whole trajectory nearby
-    fit = problem.fit(fit.at, 3, true);
+    problem.complete(fit);          // the frames between follow from a whole trajectory nearby
+    fit = problem.fit(fit.at, 10);  // without weights: causes are compared with the best that the nominal model can do
     problem.complete(fit);
     return fit;
 }
@@ -163,7 +163,7 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* kno
                             ? worth_refitting(screening, static_cast<std::size_t>(options.num_refits) - 2, 2)
                             : worth_refitting(screening, 2, 2);
     for (std::size_t k = 0; k < chosen.size(); ++k) {
-        causes.push_back(refit(problem, nominal, known, screening.effects[chosen[k]], 4));
+        causes.push_back(refit(problem, nominal, known, screening.effects[chosen[k]], 8));
         score(problem, nominal, causes.back());
         stage(options, known == nullptr ? "fitting the best effects" : "fitting further effects")(
             static_cast<double>(k + 1) / static_cast<double>(chosen.size()));

@@ -8,10 +8,10 @@ namespace teres {
 namespace {
 
 constexpr double kHuber = 3.0;        // weight falls from here on, in medians of the marker distances
-constexpr double kMaxStep = 2.0;      // of a scaled coordinate in one iteration: keeps linearised steps in reach
+constexpr double kMaxStep = 1.0;      // of a scaled coordinate in one iteration: keeps linearised steps in reach
+constexpr double kDamping = 1e-2;     // at the start
+constexpr double kGrowth = 4.0;       // of the damping after a step that was worse; doubled when it happens again
 constexpr double kMaxDamping = 1e6;
-constexpr int kTrials = 3;            // in a row that are worse, with ever shorter steps
-constexpr double kGoodShare = 0.5;    // of the promised decrease: less, and the derivatives are made anew
 
 // Square roots of Huber weights per trajectory row: marker distances against their median.
 Eigen::VectorXd huber_roots(const Eigen::VectorXd& difference) {
@@ -73,62 +73,55 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
         weigh(fit);
         return fit;
     };
-    // dh/du of the trajectory: first order about the simulator's base, secant updates (Broyden) while they predict well.
-    Eigen::MatrixXd H;
-    bool exact = false;
+    Eigen::MatrixXd H;  // dh/du of the trajectory
+    bool current = false;
     const auto linearise = [&](const Fit& fit) {
         if (simulator.base().theta != fit.at.theta || simulator.base().effects != fit.at.effects) evaluate(fit.u);
         H = derivative(simulator, space, fit.at);
-        exact = true;
+        current = true;
     };
 
     Fit best = evaluate((space.coordinates(start) - space.prior_mean()).cwiseQuotient(space.prior_stdev()));
     if (!best.usable) return best;
-    linearise(best);
-    double damping = 0.0;
-    int trials = 0;
-    for (int iteration = 0; iteration < options.max_iterations && trials < kTrials && damping < kMaxDamping;) {
+    double damping = kDamping, growth = kGrowth;
+    for (int iteration = 0; iteration < options.max_iterations && damping < kMaxDamping; ++iteration) {
         if (options.robust) {
             weight = huber_roots(observed - best.trajectory);
             weigh(best);
         }
+        if (!current) linearise(best);
         best.J = whitener(weight.asDiagonal() * H);
         // (J'J + I + damping) du = J'r - u
-        Eigen::MatrixXd normal = best.J.transpose() * best.J + Eigen::MatrixXd::Identity(best.J.cols(), best.J.cols());
-        normal.diagonal() *= 1.0 + damping;
-        Eigen::VectorXd du = normal.ldlt().solve(best.J.transpose() * best.residual - best.u);
+        const Eigen::MatrixXd normal =
+            best.J.transpose() * best.J + Eigen::MatrixXd::Identity(best.J.cols(), best.J.cols());
+        const Eigen::VectorXd gradient = best.J.transpose() * best.residual - best.u;
+        const auto promised = [&](const Eigen::VectorXd& du) {
+            return best.cost - (best.residual - best.J * du).squaredNorm() - (best.u + du).squaredNorm();
+        };
+        if (promised(normal.ldlt().solve(gradient)) < options.tolerance * best.cost) break;
+        Eigen::MatrixXd damped = normal;
+        damped.diagonal() *= 1.0 + damping;
+        Eigen::VectorXd du = damped.ldlt().solve(gradient);
         du *= std::min(1.0, kMaxStep / std::max(du.cwiseAbs().maxCoeff(), 1e-300));
-        const double promised = best.cost - (best.residual - best.J * du).squaredNorm() - (best.u + du).squaredNorm();
-        if (promised < options.tolerance * best.cost) {
-            if (exact || promised < 0.1 * options.tolerance * best.cost) break;
-            linearise(best);  // before giving up
-            continue;
-        }
         Fit next = evaluate(best.u + du);
-        if (next.cost < best.cost) {
+        const double ratio = (best.cost - next.cost) / promised(du);
+        if (ratio > 0.0) {  // H. B. Nielsen's update of the damping
             const double gained = best.cost - next.cost;
-            const bool enough = gained >= options.tolerance * best.cost;
-            const Eigen::VectorXd taken = next.u - best.u;
-            if (taken.squaredNorm() > 0.0)
-                H += (next.trajectory - best.trajectory - H * taken) * taken.transpose() / taken.squaredNorm();
-            exact = false;
+            damping *= std::max(1.0 / 3.0, 1.0 - std::pow(2.0 * ratio - 1.0, 3));
+            growth = kGrowth;
+            current = false;
             best = std::move(next);
-            damping *= 0.1;
-            trials = 0;
-            ++iteration;
-            if (!enough) break;
-            if (gained < kGoodShare * promised) linearise(best);
-        } else if (!exact) {
-            linearise(best);
+            if (gained < 0.1 * options.tolerance * best.cost) break;
         } else {
-            damping = std::max(0.1, 10.0 * damping);
-            ++trials;
+            damping *= growth;
+            growth *= kGrowth;
         }
     }
     if (options.robust) {  // every marker at full weight
         weight.setOnes();
         weigh(best);
     }
+    if (!current) linearise(best);
     best.J = whitener(weight.asDiagonal() * H);
     return best;
 }

@@ -2,8 +2,7 @@
 //
 //     minimise  |W (y - h(u))|^2 + |u|^2,     u = (coordinates - prior mean) / prior standard deviation
 //
-// by Levenberg-Marquardt with the first-order responses of the simulator as Jacobian, kept up between them by secant
-// updates (Broyden). W: Whitener.
+// by Levenberg-Marquardt with the first-order responses of the simulator as Jacobian. W: Whitener.
 #pragma once
 
 #include <Eigen/Dense>
@@ -25,7 +24,7 @@ struct Fit {
     Eigen::VectorXd u;            ///< scaled coordinates
     Eigen::VectorXd trajectory;   ///< h(u), full
     Eigen::VectorXd residual;     ///< W (y - h)
-    Eigen::MatrixXd J;            ///< W dh/du; after fit_jointly() perhaps a secant update of it
+    Eigen::MatrixXd J;            ///< W dh/du
     double cost = 0.0;            ///< |residual|^2 + |u|^2 over nominal parameters + |u|^2 over effect parameters
     double misfit = 0.0;          ///< |residual|^2
     bool usable = false;          ///< the simulation converged
@@ -38,7 +37,7 @@ struct Fit {
 Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::VectorXd& observed, const Assumption& start,
                 const FitOptions& options);
 
-/// The fit with every frame simulated and its exact J; the simulator's base is then `fit.at`.
+/// The fit with every frame simulated; the simulator's base is then `fit.at`.
 void complete(Simulator& simulator, const Whitener& whitener, const Eigen::VectorXd& observed, Fit& fit);
 
 }  // namespace teres

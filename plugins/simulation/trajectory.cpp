@@ -19,7 +19,7 @@ namespace {
 
 constexpr double kDerivativeStep = 1e-3;  // of the way to the other hypothesis
 constexpr Eigen::Index kModes = 24;       // of a dynamic case
-constexpr std::size_t kCompliances = 12;  // frames at which the tangent is factorised
+constexpr std::size_t kCompliances = 8;   // frames at which the tangent is factorised
 constexpr std::size_t kSolvedShare = 3;   // approximate(): one in so many frames is solved
 constexpr std::size_t kFewFrames = 24;    // ... of more than these
 
@@ -578,6 +578,8 @@ void Trajectory::add_variants(const Case& c, const PlayerSettings& settings) {
         change(v);
         variants_.push_back(std::move(v));
     };
+    if (settings.model.element != ElementType::kQuadratic)
+        add("10-node tetrahedra", [](Variant& v) { v.settings.model.element = ElementType::kQuadratic; });
     add("nodal shear", [](Variant& v) { v.settings.model.shear_blend = 0.1; });
     add("element shear", [](Variant& v) { v.settings.model.shear_blend = 1.0; });
     const BodyLaw law = c.body.law;
