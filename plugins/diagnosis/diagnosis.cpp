@@ -12,6 +12,7 @@ namespace teres {
 namespace {
 
 constexpr int kPolished = 2;
+constexpr double kLeastExplained = 0.02;  // of the nominal cost, by first order: less is not worth a fit
 constexpr double kLateRatio = 3.0;  // mean square of the unfitted end over that of the fitted part: something happens late
 
 Simulator::Progress stage(const DiagnosisOptions& options, const char* name) {
@@ -137,7 +138,8 @@ std::vector<std::size_t> worth_refitting(const Screening& screening, std::size_t
     std::iota(order.begin(), order.end(), std::size_t{0});
     const auto take = [&](std::size_t count) {
         for (const std::size_t k : order)
-            if (count > 0 && std::find(chosen.begin(), chosen.end(), k) == chosen.end()) {
+            if (count > 0 && screening.effects[k].explained >= kLeastExplained &&
+                std::find(chosen.begin(), chosen.end(), k) == chosen.end()) {
                 chosen.push_back(k);
                 --count;
             }

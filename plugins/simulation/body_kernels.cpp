@@ -1,6 +1,7 @@
 #include "plugins/simulation/body_kernels.h"
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -230,12 +231,73 @@ void add_effects(const StrainPoints& points, const Material& material, std::size
     }
 }
 
+// One simulation alone (lane 0; the padding gets the same): the law is evaluated for kPackLanes points at once, and the
+// axes of a point's gradient take the place of lanes. Points that effects add to are left to the loop over lanes.
+bool adds_effects(const StrainPoints& points) {
+    return points.stiffening != 0.0 || !points.prestress.empty();
+}
+
+void add_gradient_of_one_lane(const StrainPoints& points, const PointRows& rows, const Material& material,
+                              const double* x, double* gradient, double* spare, double* energy,
+                              std::size_t stride) {
+    constexpr std::size_t kN = kPackLanes;
+    static_assert(kN >= 3);
+    const auto entry = [&](std::int32_t i) {  // dN/dX of a node entry; the last lanes belong to the next or are 0
+        return static_cast<std::size_t>(i) + 1 < points.node.size()
+                   ? load(&points.gradient[3 * static_cast<std::size_t>(i)])
+                   : Pack{points.gradient[3 * static_cast<std::size_t>(i)],
+                          points.gradient[3 * static_cast<std::size_t>(i) + 1],
+                          points.gradient[3 * static_cast<std::size_t>(i) + 2]};
+    };
+    double total = 0.0;
+    for (std::size_t k = 0; k < rows.count; k += kN) {
+        const std::size_t count = std::min(kN, rows.count - k);
+        double packed[9][kN] = {};  // F of the points, then P
+        for (std::size_t j = 0; j < kN; ++j) {
+            const auto q = static_cast<std::size_t>(rows.point[k + std::min(j, count - 1)]);
+            Pack row[3]{};  // F_ab over b
+            for (auto i = points.offset[q]; i < points.offset[q + 1]; ++i) {
+                const double* xi = x + static_cast<std::size_t>(points.node[static_cast<std::size_t>(i)]) * 3 * stride;
+                const Pack g = entry(i);
+                for (std::size_t a = 0; a < 3; ++a) row[a] += xi[a * stride] * g;
+            }
+            for (std::size_t a = 0; a < 3; ++a)
+                for (std::size_t b = 0; b < 3; ++b) packed[a + 3 * b][j] = row[a][b];
+        }
+        Gradient F, P;
+        for (int m = 0; m < 9; ++m) F.m[m] = load(packed[m]);
+        const Pack psi = evaluate(material, points.part, F, P);
+        for (int m = 0; m < 9; ++m) store(packed[m], P.m[m]);
+        for (std::size_t j = 0; j < count; ++j) {
+            const auto q = static_cast<std::size_t>(rows.point[k + j]);
+            const double scale = points.volume[q] * points.stiffness_scale[q];
+            total += scale * psi[j];
+            Pack column[3]{};  // P_ab over a
+            for (std::size_t b = 0; b < 3; ++b)
+                for (std::size_t a = 0; a < 3; ++a) column[b][a] = scale * packed[a + 3 * b][j];
+            for (auto i = points.offset[q]; i < points.offset[q + 1]; ++i) {
+                const std::int32_t r = rows.row[static_cast<std::size_t>(i)];
+                double* gi = r >= 0 ? gradient + static_cast<std::size_t>(r) * 3 * stride
+                                    : spare + static_cast<std::size_t>(~r) * 3 * stride;
+                const double* g = &points.gradient[3 * static_cast<std::size_t>(i)];
+                const Pack f = column[0] * g[0] + column[1] * g[1] + column[2] * g[2];
+                for (std::size_t a = 0; a < 3; ++a) store(gi + a * stride, load(gi + a * stride) + f[a]);
+            }
+        }
+    }
+    store(energy, load(energy) + total);
+}
+
 }  // namespace
 
 TERES_MULTIVERSION
 void add_gradient_of_points(const StrainPoints& points, const PointRows& rows, const Material& material,
                             const double* x, double* gradient, double* spare, double* energy,
-                            std::size_t stride) noexcept {
+                            std::size_t stride, bool one_lane) noexcept {
+    if (one_lane && stride == kPackLanes && !adds_effects(points)) {
+        add_gradient_of_one_lane(points, rows, material, x, gradient, spare, energy, stride);
+        return;
+    }
     for (std::size_t k = 0; k < rows.count; ++k) {
         const auto q = static_cast<std::size_t>(rows.point[k]);
         const auto first = static_cast<std::size_t>(points.offset[q]),

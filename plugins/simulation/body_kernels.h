@@ -17,9 +17,9 @@ struct PointRows {
     const std::int32_t* row;
 };
 
-/// Adds energy (one per lane) and gradient of the points named; layout as in body.h.
+/// Adds energy (one per lane) and gradient of the points named; layout as in body.h. one_lane: only lane 0 counts.
 void add_gradient_of_points(const StrainPoints& points, const PointRows& rows, const Material& material,
                             const double* x, double* gradient, double* spare, double* energy,
-                            std::size_t stride) noexcept;
+                            std::size_t stride, bool one_lane) noexcept;
 
 }  // namespace teres

@@ -68,7 +68,7 @@ void MechanicalSystem::gradient(const ExternalActions& actions, const Inertia& i
                   w.spare.begin() + static_cast<std::ptrdiff_t>(3 * w.shares.spare_begin(rank + 1) * stride),
                   0.0);
         parts_.body.add_gradient(w.shares, rank, x, gradient, w.spare.data(),
-                                 &w.energy[static_cast<std::size_t>(rank) * stride], stride);
+                                 &w.energy[static_cast<std::size_t>(rank) * stride], stride, lanes == 1);
     });
     w.shares.add_spares(w.spare.data(), gradient, stride);
     std::copy_n(w.energy.begin(), stride, energy);
