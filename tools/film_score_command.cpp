@@ -29,15 +29,17 @@ FrameKey key(double t_s) {
     return std::llround(1e6 * t_s);
 }
 
+double quantile(std::vector<double> values, double share) {
+    if (values.empty()) return std::nan("");
+    std::sort(values.begin(), values.end());
+    return values[std::min(values.size() - 1, static_cast<std::size_t>(share * static_cast<double>(values.size())))];
+}
+
 struct MarkerScore {
     std::vector<double> error_m;
+    std::map<std::int32_t, std::vector<double>> error_of;
     std::int64_t frames = 0, visible = 0, reported = 0, reported_visible = 0, hidden_reported = 0, identity_errors = 0;
-    double at(double share) const {
-        if (error_m.empty()) return std::nan("");
-        std::vector<double> sorted = error_m;
-        std::sort(sorted.begin(), sorted.end());
-        return sorted[std::min(sorted.size() - 1, static_cast<std::size_t>(share * static_cast<double>(sorted.size())))];
-    }
+    double at(double share) const { return quantile(error_m, share); }
     void add(const markers_t& m, const std::map<std::int32_t, Point>& truth, const std::map<std::int32_t, bool>& seen, double identity_m) {
         ++frames;
         for (const auto& [id, sees] : seen) visible += sees ? 1 : 0;
@@ -47,6 +49,7 @@ struct MarkerScore {
             const Point x{m.x_m[i], m.y_m[i], m.z_m[i]};
             const double error = distance(x, own->second);
             error_m.push_back(error);
+            error_of[m.marker_id[i]].push_back(error);
             ++reported;
             const bool sees = seen.at(own->first);
             reported_visible += sees ? 1 : 0;
@@ -93,6 +96,9 @@ Result<int> film_score(const FilmScoreOptions& options) {
     std::printf("  identity errors      %lld of %lld\n", static_cast<long long>(score.identity_errors), static_cast<long long>(score.reported));
     if (unknown > 0) std::printf("  frames without truth %lld\n", static_cast<long long>(unknown));
     if (!options.json.empty()) {
+        nlohmann::json markers = nlohmann::json::array();
+        for (const auto& [id, error_m] : score.error_of)
+            markers.push_back({{"marker_id", id}, {"reported", error_m.size()}, {"error_median_m", quantile(error_m, 0.5)}, {"error_p95_m", quantile(error_m, 0.95)}});
         const nlohmann::json out{{"frames", score.frames},
                                  {"hidden_share", 0.01 * share(all - score.visible, all)},
                                  {"error_median_m", score.at(0.5)},
@@ -101,7 +107,8 @@ Result<int> film_score(const FilmScoreOptions& options) {
                                  {"visible_reported_share", 0.01 * share(score.reported_visible, score.visible)},
                                  {"hidden_reported", score.hidden_reported},
                                  {"identity_errors", score.identity_errors},
-                                 {"reported", score.reported}};
+                                 {"reported", score.reported},
+                                 {"markers", markers}};
         std::FILE* file = std::fopen(options.json.c_str(), "w");
         if (file == nullptr) return host_fault("cannot write " + options.json.string());
         std::fprintf(file, "%s\n", out.dump(1).c_str());

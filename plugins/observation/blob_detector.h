@@ -2,7 +2,7 @@
 //
 //     l = log(1 + g/6)                              brightness ratios: as good in a shadow as in the light
 //     dot pixel:  ±(local mean - l) > log contrast, local mean over a window of 2.5 dot diameters
-//     centre:     Σ w p / Σ w,  w = max(0, ±(rim - l)),  rim: median around the dot
+//     centre:     Σ w p / Σ w,  w = max(0, ±(1 - g / b)),  b: plane through the brightness around the dot
 #pragma once
 
 #include <opencv2/core.hpp>

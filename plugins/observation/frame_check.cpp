@@ -21,6 +21,21 @@ std::uint64_t fingerprint_of(const std::vector<std::uint8_t>& data) {
     return hash;
 }
 
+// Depth changes from pixel to pixel by a few counts, not by multiples of 256.
+bool bytes_exchanged(const cv::Mat& counts) {
+    constexpr int kRowStep = 4, kRougher = 4;
+    std::int64_t as_sent = 0, exchanged = 0;
+    const auto swap = [](std::uint16_t x) { return static_cast<std::uint16_t>(x << 8 | x >> 8); };
+    for (int v = 0; v < counts.rows; v += kRowStep)
+        for (int u = 1; u < counts.cols; ++u) {
+            const std::uint16_t a = counts.at<std::uint16_t>(v, u - 1), b = counts.at<std::uint16_t>(v, u);
+            if (a == 0 || b == 0) continue;
+            as_sent += std::abs(a - b);
+            exchanged += std::abs(swap(a) - swap(b));
+        }
+    return as_sent > kRougher * exchanged;
+}
+
 int empty_rows_below(const cv::Mat& image) {
     int rows = 0;
     for (int v = image.rows - 1; v >= 0; --v, ++rows) {
@@ -35,9 +50,9 @@ int empty_rows_below(const cv::Mat& image) {
 
 const char* fault_name(FrameFault fault) {
     static constexpr std::array names{"without calibration", "of another serial number", "wrong size", "wrong fourcc",
-                                      "wrong byte count",    "undecodable",              "half frame", "depth unit 0",
+                                      "wrong byte count",    "wrong byte order",         "undecodable",              "half frame", "depth unit 0",
                                       "black",               "saturated",                "frozen",     "repeated",
-                                      "late",                "unpaired"};
+                                      "late",                "unpaired",                "cameras swapped"};
     static_assert(names.size() == static_cast<std::size_t>(FrameFault::kCount));
     return names[static_cast<std::size_t>(fault)];
 }
@@ -126,6 +141,7 @@ std::optional<FrameFault> FrameCheck::examine_content(const cv::Mat& image) cons
     if (kind_ == Kind::kDepth) {
         const double share = static_cast<double>(cv::countNonZero(image)) / static_cast<double>(image.total());
         if (share < kMinDepthShare) return FrameFault::kBlack;
+        if (bytes_exchanged(image)) return FrameFault::kByteOrder;
     } else {
         const double mean = cv::mean(image)[0];
         if (mean < kDarkest) return FrameFault::kBlack;

@@ -19,6 +19,7 @@ enum class FrameFault {
     kWrongSize,
     kWrongFourcc,
     kWrongBytes,  ///< byte count or row stride do not fit the size
+    kByteOrder,    ///< raw depth with its bytes exchanged
     kUndecodable,
     kHalfFrame,  ///< compressed data without end, or the lower rows are empty
     kNoDepthUnit,
@@ -28,6 +29,7 @@ enum class FrameFault {
     kRepeated,  ///< stamp of the frame before
     kLate,      ///< stamp older than that of the frame before
     kUnpaired,  ///< no frame of the other camera at that time
+    kSwapped,   ///< left and right camera exchanged
     kCount
 };
 const char* fault_name(FrameFault fault);

@@ -34,8 +34,8 @@ Eigen::Matrix3d ray_covariance(const Eigen::Vector3d& ray, double z_m, double pi
     return covariance;
 }
 
-std::optional<LiftedPoint> DepthLift::at(const Pixel& pixel, double guess_z_m) const {
-    const Point ray = tracking_.ray(pixel);
+std::optional<LiftedPoint> DepthLift::at(const Blob& dot, double guess_z_m) const {
+    const Point ray = tracking_.ray(dot.center);
     const auto& R = to_depth_.R;
     const double slope = R[6] * ray[0] + R[7] * ray[1] + R[8] * ray[2];  // z of the depth camera per z of this one
     double z = guess_z_m;

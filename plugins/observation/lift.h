@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "core/camera/camera_model.h"
+#include "plugins/observation/blob_detector.h"
 
 namespace teres {
 
@@ -30,7 +31,7 @@ class Lift {
   public:
     virtual ~Lift() = default;
     /// [loop] guess_z_m: about how far. Nothing where depth is missing or contradicts itself.
-    virtual std::optional<LiftedPoint> at(const Pixel& pixel, double guess_z_m) const = 0;
+    virtual std::optional<LiftedPoint> at(const Blob& dot, double guess_z_m) const = 0;
 };
 
 /// Depth image of another camera; only the pixels around the wanted point are deprojected.
@@ -43,7 +44,7 @@ class DepthLift final : public Lift {
     DepthLift(const cv::Mat& counts, double depth_unit_m, const CameraModel& depth_camera, const CameraModel& tracking_camera,
               const Pose& to_depth, const LiftOptions& options)
         : counts_(counts), unit_m_(depth_unit_m), depth_(depth_camera), tracking_(tracking_camera), to_depth_(to_depth), options_(options) {}
-    std::optional<LiftedPoint> at(const Pixel& pixel, double guess_z_m) const override;
+    std::optional<LiftedPoint> at(const Blob& dot, double guess_z_m) const override;
 
   private:
     struct Depth {

@@ -76,7 +76,7 @@ void MarkerTracker::carry_by_flow(const std::vector<cv::Mat>& pyramid) {
 }
 
 void MarkerTracker::detect(const cv::Mat& grey) {
-    double u0 = camera_.width_px, v0 = camera_.height_px, u1 = 0.0, v1 = 0.0, z_sum = 0.0;
+    double u0 = camera_.width_px, v0 = camera_.height_px, u1 = 0.0, v1 = 0.0;
     for (const Eigen::Vector3d& x : last_) {
         const auto expected = expect(x, options_.start_gate_m);
         if (!expected) continue;
@@ -85,12 +85,11 @@ void MarkerTracker::detect(const cv::Mat& grey) {
         v0 = std::min(v0, expected->pixel.v - margin);
         u1 = std::max(u1, expected->pixel.u + margin);
         v1 = std::max(v1, expected->pixel.v + margin);
-        z_sum += z_of(x);
     }
     BlobOptions options;
     options.bright = options_.bright;
     options.contrast = options_.contrast;
-    options.diameter_px = options_.diameter_m * camera_.fx_px * static_cast<double>(last_.size()) / std::max(z_sum, 1e-3);
+    options.diameter_px = options_.diameter_m * camera_.fx_px / mean_z_m();
     const cv::Point low(static_cast<int>(u0), static_cast<int>(v0)), high(static_cast<int>(u1) + 1, static_cast<int>(v1) + 1);
     find_blobs(grey, low.x < high.x && low.y < high.y ? cv::Rect(low, high) : cv::Rect(), options, blobs_);
     claimed_.assign(blobs_.size(), false);
@@ -164,7 +163,7 @@ void MarkerTracker::take(std::size_t marker, const Blob& blob, double guess_z_m,
     track.on_image = true;
     track.pixel = sight.pixel = blob.center;
     sight.status = MarkerStatus::kRejected;
-    const auto lifted = lift.at(blob.center, guess_z_m);
+    const auto lifted = lift.at(blob, guess_z_m);
     if (!lifted || std::abs(lifted->x.z() - guess_z_m) > gate_m) return;  // in front of it or behind
     // Part of the dot behind something: its centre is not the marker's.
     const double full_px = options_.diameter_m * camera_.fx_px / lifted->x.z(), ratio = blob.area_px / (full_px * full_px);
@@ -261,6 +260,12 @@ std::optional<MarkerTracker::Expected> MarkerTracker::expect(const Eigen::Vector
     const auto pixel = camera_.project(to_camera_.apply(point(x)));
     if (!pixel) return std::nullopt;
     return Expected{*pixel, z_of(x), gate_m * camera_.fx_px / z_of(x)};
+}
+
+double MarkerTracker::mean_z_m() const {
+    double sum = 0.0;
+    for (const Eigen::Vector3d& x : last_) sum += z_of(x);
+    return last_.empty() ? 1.0 : sum / static_cast<double>(last_.size());
 }
 
 double MarkerTracker::z_of(const Eigen::Vector3d& x) const {

@@ -52,6 +52,7 @@ class MarkerTracker {
     /// [loop] One frame, 8-bit grey of the camera's size.
     const std::vector<MarkerSight>& track(const cv::Mat& grey, const Lift& lift);
     const std::vector<MarkerSight>& sights() const { return sights_; }
+    double mean_z_m() const;  ///< of the markers, newest positions or predictions
     std::int64_t swaps() const { return swaps_; }
     std::int64_t rejected() const { return rejected_; }
 

@@ -13,6 +13,7 @@
 #include "plugins/observation/frame_clock.h"
 #include "plugins/observation/marker_tracker.h"
 #include "plugins/observation/observation_settings.h"
+#include "plugins/observation/stereo_lift.h"
 #include "teres/camera_info_t.hpp"
 #include "teres/image_t.hpp"
 #include "teres/markers_t.hpp"
@@ -22,6 +23,8 @@ namespace teres {
 namespace {
 
 constexpr std::size_t kMaxImageBytes = 32 << 20, kMaxInfoBytes = 1 << 16;
+constexpr int kSwappedAfter = 5;      // frames in a row in which the pair only fits with its cameras exchanged
+constexpr std::size_t kMinFits = 4;  // dots that do
 
 double seconds(std::int64_t us) {
     return 1e-6 * static_cast<double>(us);
@@ -47,8 +50,12 @@ class ObservationPlugin final : public Unit {
     }
 
     Status start() override {
-        first_ = std::make_unique<Stream>("CAMERA_COLOR", FrameCheck::Kind::kGrey);
-        second_ = std::make_unique<Stream>("CAMERA_DEPTH", FrameCheck::Kind::kDepth);
+        const bool stereo = settings.source == "stereo";
+        first_ = std::make_unique<Stream>(stereo ? "CAMERA_LEFT" : "CAMERA_COLOR", FrameCheck::Kind::kGrey);
+        second_ = std::make_unique<Stream>(stereo ? "CAMERA_RIGHT" : "CAMERA_DEPTH",
+                                           stereo ? FrameCheck::Kind::kGrey : FrameCheck::Kind::kDepth);
+        color_to_case_.reset();
+        swapped_in_a_row_ = 0;
         tracker_.reset();
         clock_ = {};
         frames_ = tracked_ = 0;
@@ -60,7 +67,10 @@ class ObservationPlugin final : public Unit {
             TERES_TRY(host_.subscribe<camera_info_t>((stream->channel + "_INFO").c_str(), kMaxInfoBytes,
                                                      [this, stream](const camera_info_t& m, std::int64_t) { take_info(*stream, m); }));
         }
-        return {};
+        if (!stereo) return {};
+        return host_.subscribe<camera_info_t>("CAMERA_COLOR_INFO", kMaxInfoBytes, [this](const camera_info_t& m, std::int64_t) {
+            if (const auto info = stream_info(m); info && info->reference_frame == case_.name) color_to_case_ = info->to_reference;
+        });
     }
 
     teres_step_outcome step(std::int64_t) noexcept override try {
@@ -123,11 +133,13 @@ class ObservationPlugin final : public Unit {
         publish_tracking(message.header, nullptr);
     }
 
-    // Where the tracking camera stands: its stream says so, else the case does.
+    // Where the tracking camera stands: its stream says so, or that of the colour camera which it refers to, else the case.
     std::optional<Pose> camera_to_case() const {
         const StreamInfo& info = *first_->check.info();
         if (info.reference_frame == case_.name) return info.to_reference;
-        return camera_pose(case_.sensor);
+        auto pose = color_to_case_ ? color_to_case_ : camera_pose(case_.sensor);
+        if (pose && info.reference_frame == "camera_color") pose = *pose * info.to_reference;
+        return pose;
     }
 
     bool make_tracker() {
@@ -149,16 +161,52 @@ class ObservationPlugin final : public Unit {
         if (!tracker_ && !make_tracker()) return false;
         const StreamInfo& first = *first_->check.info();
         const StreamInfo& second = *second_->check.info();
-        // x_tracking = R x_depth + t, or both stand in the same reference frame.
-        const Pose to_depth = second.reference_frame == first.frame_id
-                                  ? second.to_reference.inverse()
-                                  : second.to_reference.inverse() * first.to_reference;
-        const DepthLift lift(*second_->image, second.depth_unit_m, second.camera, first.camera, to_depth, settings.lift);
-        const std::vector<MarkerSight>& sights = tracker_->track(*first_->image, lift);
+        // x_first = R x_second + t, or both stand in the same reference frame.
+        const Pose second_to_first = second.reference_frame == first.frame_id ? second.to_reference
+                                                                              : first.to_reference.inverse() * second.to_reference;
+        if (settings.source == "depth") {
+            tracker_->track(*first_->image, DepthLift(*second_->image, second.depth_unit_m, second.camera, first.camera,
+                                                      second_to_first.inverse(), settings.lift));
+        } else {
+            const StereoPair pair{first.camera, second.camera, second_to_first};
+            find_dots(*second_, right_dots_);
+            MeetingOptions meeting;
+            meeting.min_area_ratio = settings.tracker.min_area_ratio;
+            tracker_->track(*first_->image, StereoLift(pair, right_dots_, settings.lift, meeting));
+            if (swapped(pair)) return false;
+        }
+        const std::vector<MarkerSight>& sights = tracker_->sights();
         ++tracked_;
         publish_markers(sights);
         publish_tracking(first_->header, &sights);
         return std::any_of(sights.begin(), sights.end(), [](const MarkerSight& s) { return s.seen(); });
+    }
+
+    void find_dots(const Stream& stream, std::vector<Blob>& dots) const {
+        const CameraModel& camera = stream.check.info()->camera;
+        const BlobOptions options{settings.tracker.bright, settings.tracker.diameter_m * camera.fx_px / tracker_->mean_z_m(), settings.tracker.contrast};
+        find_blobs(*stream.image, {0, 0, camera.width_px, camera.height_px}, options, dots);
+    }
+
+    // Images of exchanged cameras only meet the other way round.
+    bool swapped(const StereoPair& pair) {
+        const auto seen = [](const MarkerSight& s) { return s.seen(); };
+        std::size_t fits = 0;
+        if (std::none_of(tracker_->sights().begin(), tracker_->sights().end(), seen)) {
+            std::vector<Blob> left_dots;
+            find_dots(*first_, left_dots);
+            MeetingOptions anywhere;
+            anywhere.depth_gate_m = 1.0;
+            anywhere.unmistakable = 0.0;
+            const StereoLift exchanged(pair, left_dots, settings.lift, anywhere);
+            for (const Blob& dot : right_dots_) fits += exchanged.at(dot, tracker_->mean_z_m()) ? 1 : 0;
+        }
+        swapped_in_a_row_ = fits >= kMinFits && 2 * fits >= right_dots_.size() ? swapped_in_a_row_ + 1 : 0;
+        if (swapped_in_a_row_ < kSwappedAfter) return false;
+        second_->check.count(FrameFault::kSwapped);
+        warn_once("left and right camera are exchanged");
+        publish_tracking(first_->header, nullptr);
+        return true;
     }
 
     void publish_markers(const std::vector<MarkerSight>& sights) {
@@ -233,6 +281,9 @@ class ObservationPlugin final : public Unit {
     Case case_;
     std::unique_ptr<Stream> first_, second_;
     std::unique_ptr<MarkerTracker> tracker_;
+    std::optional<Pose> color_to_case_;  // stereo: the pair may refer to the colour camera
+    std::vector<Blob> right_dots_;
+    int swapped_in_a_row_ = 0;
     FrameClock clock_;
     std::int64_t frames_ = 0, tracked_ = 0, sequence_ = 0, tracking_sequence_ = 0, next_publish_us_ = 0;
     markers_t markers_{};

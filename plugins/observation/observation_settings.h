@@ -11,6 +11,7 @@ namespace teres {
 
 struct ObservationSettings {
     std::string case_folder;
+    std::string source = "depth";
     std::string markers = "dark";
     TrackerOptions tracker;
     LiftOptions lift;
@@ -21,6 +22,7 @@ struct ObservationSettings {
     template <class V>
     void visit(V& field) {
         field("case", case_folder, "", "case folder (teres-case-1): markers at rest, camera pose; empty: that of [service]");
+        field("source", source, "depth|stereo", "depth: CAMERA_COLOR and CAMERA_DEPTH; stereo: CAMERA_LEFT and CAMERA_RIGHT");
         field("markers", markers, "dark|bright", "dots against what surrounds them");
         field("marker_diameter_m", tracker.diameter_m, {1e-4, 0.1}, "of the dots");
         field("marker_contrast", tracker.contrast, {1.01, 100.0}, "least brightness ratio between dot and surroundings");

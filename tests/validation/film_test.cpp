@@ -2,11 +2,17 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 
+#include "core/log_reader.h"
+#include "core/recorder.h"
+#include "teres/markers_t.hpp"
+#include "teres/tracking_t.hpp"
 #include "tests/support/program.h"
 
 namespace teres {
@@ -19,16 +25,23 @@ std::filesystem::path demo_case() {
     return std::filesystem::path(source != nullptr ? source : ".") / "config/cases/demo";
 }
 
-nlohmann::json tracked(const test::ScratchFolder& scratch, const std::vector<std::string>& film) {
+std::string filmed(const test::ScratchFolder& scratch, const std::vector<std::string>& options) {
     const std::string out = scratch.path().string();
     std::vector<std::string> words{"phantom", demo_case().string(), "-o", out};
-    words.insert(words.end(), film.begin(), film.end());
+    words.insert(words.end(), options.begin(), options.end());
     EXPECT_EQ(test::run_teres(words).exit_code, 0);
-    const auto replay = test::run_teres({"replay", out + "/recording.lcm", "--case", demo_case().string(), "--speed", "0", "--set",
-                                         "service.plugins=observation", "--set",
+    return out;
+}
+
+void track(const std::string& out, const std::string& source, const std::string& log = "recording.lcm") {
+    const auto replay = test::run_teres({"replay", out + "/" + log, "--case", demo_case().string(), "--speed", "0", "--set",
+                                         "service.plugins=observation", "--set", "observation.source=" + source, "--set",
                                          "service.record_to=" + out + "/tracked.lcm"});
     EXPECT_EQ(replay.exit_code, 0) << replay.error;
     EXPECT_THAT(replay.output, HasSubstr("TRACKING"));
+}
+
+nlohmann::json scored(const std::string& out) {
     const auto score = test::run_teres({"film-score", out, out + "/tracked.lcm", "--json", out + "/score.json"});
     EXPECT_EQ(score.exit_code, 0) << score.error;
     std::ifstream file(out + "/score.json");
@@ -38,12 +51,54 @@ nlohmann::json tracked(const test::ScratchFolder& scratch, const std::vector<std
 // Depth noise at the markers' distance (0.27 to 0.31 m) is 0.3 to 0.4 mm; goal: error within twice that.
 TEST(Film, DepthMarkersAreRightAndNoneIsMistaken) {
     const test::ScratchFolder scratch;
-    const auto score = tracked(scratch, {"--seconds", "4", "--rate", "15", "--occlusion", "0.3"});
+    const std::string out = filmed(scratch, {"--seconds", "4", "--rate", "15", "--occlusion", "0.3"});
+    track(out, "depth");
+    const auto score = scored(out);
     EXPECT_GT(score["hidden_share"], 0.1);
     EXPECT_LT(score["error_median_m"], 6e-4);
     EXPECT_LT(score["error_p95_m"], 2e-3);
     EXPECT_EQ(score["identity_errors"], 0);
     EXPECT_GT(score["visible_reported_share"], 0.6);
+}
+
+// z² σ_px √2 / (f B) = 0.9 mm at 0.29 m.
+TEST(Film, StereoMarkersAreRightAndNoneIsMistaken) {
+    const test::ScratchFolder scratch;
+    const std::string out = filmed(scratch, {"--seconds", "4", "--rate", "10", "--occlusion", "0.3", "--stereo"});
+    track(out, "stereo");
+    const auto score = scored(out);
+    EXPECT_GT(score["hidden_share"], 0.1);
+    EXPECT_LT(score["error_median_m"], 6e-4);
+    EXPECT_LT(score["error_p95_m"], 2.5e-3);
+    EXPECT_EQ(score["identity_errors"], 0);
+    EXPECT_GT(score["visible_reported_share"], 0.5);
+}
+
+TEST(Film, ExchangedCamerasAreNamedAndNothingIsReported) {
+    const test::ScratchFolder scratch;
+    const std::string out = filmed(scratch, {"--seconds", "1", "--rate", "10", "--stereo"});
+    {
+        auto in = LogReader::open(out + "/recording.lcm");
+        auto to = Recorder::open({.file = out + "/exchanged.lcm"});
+        ASSERT_TRUE(in && to);
+        for (LogEvent event; in->next(event);) {
+            const std::string name(event.channel);
+            to->record(name == "CAMERA_LEFT" ? "CAMERA_RIGHT" : name == "CAMERA_RIGHT" ? "CAMERA_LEFT" : name, event.data, event.stamp_us);
+        }
+    }
+    track(out, "stereo", "exchanged.lcm");
+    auto log = LogReader::open(out + "/tracked.lcm");
+    ASSERT_TRUE(log);
+    tracking_t last{};
+    for (LogEvent event; log->next(event);) {
+        if (event.channel == "TRACKING") last.decode(event.data.data(), 0, static_cast<int>(event.data.size()));
+        markers_t m;
+        if (event.channel != "MARKERS" || m.decode(event.data.data(), 0, static_cast<int>(event.data.size())) < 0) continue;
+        EXPECT_TRUE(std::all_of(m.x_m.begin(), m.x_m.end(), [](double x) { return std::isnan(x); }));
+    }
+    ASSERT_EQ(last.fault.size(), 1u);
+    EXPECT_EQ(last.fault[0], "CAMERA_RIGHT cameras swapped");
+    EXPECT_GT(last.fault_frames[0], 3);
 }
 
 class AugmentedView : public ::testing::Test {

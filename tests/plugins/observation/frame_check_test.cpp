@@ -83,6 +83,18 @@ TEST_F(BadFrames, AreNamedCountedAndSurvived) {
     EXPECT_EQ(grey.count_of(FrameFault::kHalfFrame), 2);
 }
 
+TEST_F(BadFrames, WithExchangedBytes) {
+    auto m = frame("Z16 ", 2, 1);
+    for (std::size_t i = 0; i < m.data.size() / 2; ++i) {
+        const auto counts = static_cast<std::uint16_t>(2900 + 3 * (i % kWidth) + i % 5);  // a slope, D400 noise
+        m.data[2 * i] = static_cast<std::uint8_t>(counts & 0xff);
+        m.data[2 * i + 1] = static_cast<std::uint8_t>(counts >> 8);
+    }
+    EXPECT_TRUE(depth.take(m));
+    for (std::size_t i = 0; i < m.data.size(); i += 2) std::swap(m.data[i], m.data[i + 1]);
+    expect(depth, m, FrameFault::kByteOrder);
+}
+
 TEST_F(BadFrames, WithoutUnitOrCalibration) {
     depth.set_info(info(0.0));
     expect(depth, frame("Z16 ", 2, 1), FrameFault::kNoDepthUnit);

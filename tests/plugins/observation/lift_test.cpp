@@ -44,7 +44,7 @@ TEST(DepthLift, MeetsATiltedPlaneSeenByAnotherCamera) {
     const cv::Mat counts = plane_image(n, 0.28, 0.0, 1);
     const DepthLift lift(counts, kUnit, kDepth, kColor, depth_from_color(), {});
     for (const Pixel& pixel : {Pixel{300.3, 250.7}, Pixel{420.0, 180.5}, Pixel{250.1, 330.0}}) {
-        const auto point = lift.at(pixel, 0.4);
+        const auto point = lift.at({pixel}, 0.4);
         ASSERT_TRUE(point);
         EXPECT_LT((point->x - on_plane(pixel, n, 0.28)).norm(), 3e-5) << "a third of the depth unit";
     }
@@ -61,7 +61,7 @@ TEST(DepthLift, StatedUncertaintyCoversTheError) {
         const DepthLift lift(counts, kUnit, kDepth, kColor, depth_from_color(), options);
         for (double u = 220.0; u < 440.0; u += 20.0)
             for (double v = 160.0; v < 320.0; v += 20.0) {
-                const auto point = lift.at({u, v}, 0.3);
+                const auto point = lift.at({{u, v}}, 0.3);
                 ASSERT_TRUE(point);
                 squares += std::pow(point->x.z() - on_plane({u, v}, n, 0.3).z(), 2);
                 stated += point->covariance(2, 2);
@@ -77,7 +77,7 @@ TEST(DepthLift, HolesAndEdgesGiveNothing) {
     const Eigen::Vector3d n(0.0, 0.0, 1.0);
     cv::Mat counts = plane_image(n, 0.3, 0.0, 1);
     const Pixel pixel{322.5, 241.0};
-    const auto lifted = [&] { return DepthLift(counts, kUnit, kDepth, kColor, depth_from_color(), {}).at(pixel, 0.3); };
+    const auto lifted = [&] { return DepthLift(counts, kUnit, kDepth, kColor, depth_from_color(), {}).at({pixel}, 0.3); };
     const auto seen = kDepth.project({0.015, 0.001, 0.298});
     const int u = static_cast<int>(seen->u), v = static_cast<int>(seen->v);
     ASSERT_TRUE(lifted());
@@ -90,7 +90,7 @@ TEST(DepthLift, HolesAndEdgesGiveNothing) {
     EXPECT_FALSE(lifted()) << "most of it is a hole";
     counts.setTo(0);
     EXPECT_FALSE(lifted());
-    EXPECT_FALSE(DepthLift(counts, kUnit, kDepth, kColor, depth_from_color(), {}).at({2.0, 2.0}, 0.3)) << "outside";
+    EXPECT_FALSE(DepthLift(counts, kUnit, kDepth, kColor, depth_from_color(), {}).at({{2.0, 2.0}}, 0.3)) << "outside";
 }
 
 TEST(DepthLift, RefusesGrazingViews) {
@@ -98,7 +98,7 @@ TEST(DepthLift, RefusesGrazingViews) {
         const double a = degrees / 57.29578;
         const Eigen::Vector3d n(std::sin(a), 0.0, std::cos(a));
         const cv::Mat counts = plane_image(n, 0.3 * std::cos(a), 0.0, 1);
-        EXPECT_EQ(DepthLift(counts, kUnit, kDepth, kColor, depth_from_color(), {}).at({300.0, 241.0}, 0.3).has_value(), seen) << degrees;
+        EXPECT_EQ(DepthLift(counts, kUnit, kDepth, kColor, depth_from_color(), {}).at({{300.0, 241.0}}, 0.3).has_value(), seen) << degrees;
     }
 }
 
