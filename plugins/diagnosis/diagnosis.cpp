@@ -12,6 +12,7 @@ namespace teres {
 namespace {
 
 constexpr int kPolished = 2;
+constexpr double kFarTheta = 1.5;         // prior standard deviations from the prior at which a refit starts at most
 constexpr double kLeastExplained = 0.02;  // of the nominal cost, by first order: less is not worth a fit
 constexpr double kLateRatio = 3.0;  // mean square of the unfitted end over that of the fitted part: something happens late
 
@@ -105,6 +106,12 @@ void take_noise(Problem& problem, Cause& cause) {
 Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const EffectScreening& added, int iterations) {
     Cause cause;
     Assumption start = known != nullptr ? known->fit.at : nominal.at;
+    // A wrong model drives the ligaments to values from which no derivative leads back.
+    for (std::size_t i = 0; i < start.theta.size(); ++i) {
+        const NominalParameter p = problem.simulator.mechanics().parameter(i);
+        start.theta[i] = std::clamp(start.theta[i], std::exp(p.prior_log_mean - kFarTheta * p.prior_log_stdev),
+                                    std::exp(p.prior_log_mean + kFarTheta * p.prior_log_stdev));
+    }
     if (known != nullptr) {
         cause.entries = known->entries;
         cause.search_cost = known->search_cost;
