@@ -5,6 +5,7 @@
 
 #include "teres/boundary_estimate_t.hpp"
 #include "teres/camera_info_t.hpp"
+#include "teres/cut_t.hpp"
 #include "teres/gap_t.hpp"
 #include "teres/health_t.hpp"
 #include "teres/image_t.hpp"
@@ -29,7 +30,7 @@ std::optional<MessageStamp> stamp_of(std::span<const std::uint8_t> data) noexcep
     static const std::array known = {boundary_estimate_t::getHash(), camera_info_t::getHash(), gap_t::getHash(),
                                      health_t::getHash(),            image_t::getHash(),       innovation_t::getHash(),
                                      liver_state_t::getHash(),       markers_t::getHash(),     tool_loads_t::getHash(),
-                                     tracking_t::getHash()};
+                                     tracking_t::getHash(),          cut_t::getHash()};
     // LCM layout: hash, then the fields in order: capture_stamp_us, sequence, ...
     if (data.size() < 24) return std::nullopt;
     if (std::find(known.begin(), known.end(), big_endian(data.data())) == known.end()) return std::nullopt;

@@ -303,6 +303,7 @@ void add_gradient_of_points(const StrainPoints& points, const PointRows& rows, c
         const auto first = static_cast<std::size_t>(points.offset[q]),
                    last = static_cast<std::size_t>(points.offset[q + 1]);
         const double scale = points.volume[q] * points.stiffness_scale[q];
+        if (scale == 0.0) continue;  // cut away: F may be anything
         for (std::size_t lane = 0; lane < stride; lane += kPackLanes) {
             Gradient F{};
             for (auto i = first; i < last; ++i) {

@@ -6,6 +6,7 @@
 #include <map>
 
 #include "core/check.h"
+#include "plugins/simulation/tissue_cut.h"
 
 namespace teres {
 
@@ -130,6 +131,9 @@ Result<std::unique_ptr<CaseModel>> CaseModel::make(const Case& c, const CaseMode
         m->point_ids_.push_back(point.id);
     }
 
+    m->marker_lost_.assign(m->markers_.size(), 0);
+    m->can_be_cut_ = settings.element != ElementType::kQuadratic;
+
     parts.num_parameters = m->parameters_.size();
     parts.threads = settings.threads;
     m->max_lanes_ = static_cast<std::size_t>(settings.max_lanes);
@@ -219,6 +223,15 @@ void CaseModel::remember(double time_s, std::span<const double> start, std::size
     motion_lanes_ = lanes;
 }
 
+// Nodes that a cut has left without tissue.
+void CaseModel::rest_bare_nodes(std::size_t stride) noexcept {
+    const std::size_t block = 3 * num_nodes();
+    for (std::size_t a = 0; a < mesh_.num_nodes(); ++a)
+        for (std::size_t d = 3 * a; d < 3 * a + 3 && mesh_.node_volume[a] == 0.0; ++d)
+            for (std::size_t row = d; row < num_state(); row += block)
+                std::fill_n(&x_[row * stride], stride, row < block ? mesh_.X.data()[d] : 0.0);
+}
+
 ForwardReport CaseModel::advance(const ForwardInputs& inputs, std::span<const double> theta,
                                  std::span<double> X, std::size_t lanes) noexcept {
     const std::size_t rows = num_state(), stride = padded_lanes(lanes), parameters = parameters_.size();
@@ -231,12 +244,47 @@ ForwardReport CaseModel::advance(const ForwardInputs& inputs, std::span<const do
         for (std::size_t p = 0; p < parameters; ++p) theta_[p * stride + l] = theta[from * parameters + p];
     }
     predict(inputs.time_s, lanes, stride);
+    rest_bare_nodes(stride);
     const EquilibriumReport r = stepper_->step(actions_, inputs.dt_s, theta_.data(), x_.data(), lanes);
     remember(inputs.time_s, X, lanes, stride);
     for (std::size_t l = 0; l < lanes; ++l)
         for (std::size_t d = 0; d < rows; ++d) X[l * rows + d] = x_[d * stride + l];
     return {static_cast<std::int32_t>(lanes), r.lanes_converged, r.iterations, r.factorisations,
             r.relative_residual};
+}
+
+CutReport CaseModel::cut(std::span<const std::int32_t> tets, std::span<const std::int32_t> parameters) noexcept {
+    const auto within = [](std::span<const std::int32_t> indices, std::size_t size) {
+        return std::ranges::all_of(indices, [&](auto i) { return i >= 0 && static_cast<std::size_t>(i) < size; });
+    };
+    if (!within(tets, mesh_.tets.size()) || !within(parameters, parameters_.size())) return {CutOutcome::kUnknownIndex, 0};
+    if (!can_be_cut_) return {CutOutcome::kNotSupported, 0};
+    auto& parts = system_->parts();
+    std::vector<char> holds;  // a piece that nothing holds has no equilibrium; it may fly if the case is dynamic
+    if (scheme_ == TimeScheme::kQuasiStatic) {
+        holds = parts.held;
+        for (const auto& tool : parts.tools) holds[static_cast<std::size_t>(tool.node)] = 1;
+        for (const auto& t : parts.tethers)
+            if (t.share > 0.0 && std::ranges::find(parameters, t.parameter) == parameters.end())
+                holds[static_cast<std::size_t>(t.node)] = 1;
+    }
+    const std::vector<char> left = tissue_left(mesh_, tets, holds);
+    if (std::ranges::find(left, 1) == left.end()) return {CutOutcome::kNothingHolds, 0};
+
+    solver_->release_system();
+    for (const auto parameter : parameters) release(parameter, parts.tethers);
+    const std::int32_t removed = keep_tissue(left, mesh_, parts);
+    solver_->follow_system();
+    motion_dt_s_ = 0.0;
+    for (std::size_t k = 0; k < markers_.size(); ++k) {  // its triangle belonged to one tetrahedron
+        const auto& corners = markers_[k].node;
+        marker_lost_[k] = 1;
+        for (std::size_t e = 0; e < left.size() && marker_lost_[k]; ++e)
+            marker_lost_[k] = !left[e] || !std::ranges::all_of(corners, [&](NodeIndex node) {
+                return std::ranges::find(mesh_.tets[e], node) != mesh_.tets[e].end();
+            });
+    }
+    return {CutOutcome::kDone, removed};
 }
 
 void CaseModel::observe(std::span<const double> X, std::span<double> Z, std::size_t lanes) const noexcept {

@@ -1,5 +1,5 @@
 // The forward model of a case: liver of the case folder, ligament groups as unknowns, markers and points as
-// outputs. Offers teres.forward_model/1. State: positions [m] (quasi-static), then velocities [m/s], then
+// outputs. Offers teres.forward_model/1 and teres.topology/1. State: positions [m] (quasi-static), then velocities [m/s], then
 // accelerations [m/s^2] (implicit Euler: 6N rows; generalised alpha: 9N rows).
 #pragma once
 
@@ -9,6 +9,7 @@
 
 #include "core/case/case.h"
 #include "core/extensions/forward_model.h"
+#include "core/extensions/topology.h"
 #include "core/result.h"
 #include "plugins/simulation/equilibrium.h"
 #include "plugins/simulation/ligament.h"
@@ -31,7 +32,7 @@ struct CaseModelSettings {
     int threads = 2;  ///< that share a step; results depend on it in the last bits
 };
 
-class CaseModel final : public ForwardModel {
+class CaseModel final : public ForwardModel, public Topology {
   public:
     /// Errors (kInvalidInput): material out of range, nothing holds the body (no clamp, ligament, spring or
     /// tool).
@@ -57,6 +58,9 @@ class CaseModel final : public ForwardModel {
     void observe(std::span<const double> X, std::span<double> Z, std::size_t lanes) const noexcept override;
     void predict_points(std::span<const double> x, std::span<double> out) const noexcept override;
 
+    CutReport cut(std::span<const std::int32_t> tets, std::span<const std::int32_t> parameters) noexcept override;
+    bool marker_lost(std::size_t index) const noexcept override { return marker_lost_[index] != 0; }
+
     const TetMesh& mesh() const { return mesh_; }
     const MechanicalSystem& system() const { return *system_; }
     MechanicalSystem& system() { return *system_; }
@@ -75,6 +79,7 @@ class CaseModel final : public ForwardModel {
     CaseModel() = default;
     void add_springs(const Case& c, MechanicalSystem::Parts& parts);
     void predict(double time_s, std::size_t lanes, std::size_t stride) noexcept;
+    void rest_bare_nodes(std::size_t stride) noexcept;
     void remember(double time_s, std::span<const double> start, std::size_t lanes,
                   std::size_t stride) noexcept;
 
@@ -90,6 +95,8 @@ class CaseModel final : public ForwardModel {
     std::vector<std::string> region_names_, tool_names_;
     std::vector<SurfaceRider> markers_;
     std::vector<std::int32_t> marker_ids_, point_ids_;
+    bool can_be_cut_ = false;
+    std::vector<char> marker_lost_;
     std::vector<Embedding> points_;
     ExternalActions actions_;
     std::vector<double> x_, theta_;  // batch layout

@@ -57,6 +57,7 @@ struct EquilibriumSolver::Workspace {
     std::vector<double> energy, trial_energy, slope, norm, trial_norm, step;  // per lane
     std::vector<char> active, accepted;
     bool stale = false;  // the last call needed many iterations: factorise anew at the start of the next
+    bool outdated = false;  // the system has changed: renew in the background however few iterations a call takes
     // one lane alone, for plain Newton
     std::unique_ptr<Cholesky> own;  // made on first use
     Eigen::MatrixXd rhs;
@@ -115,6 +116,15 @@ void EquilibriumSolver::invalidate() {
     w_ = std::make_unique<Workspace>(system_, settings_, w_->max_lanes);
 }
 
+void EquilibriumSolver::release_system() noexcept {
+    if (w_->renewal) w_->renewal->drop();
+}
+
+void EquilibriumSolver::follow_system() noexcept {
+    w_->history.start(0, 0);
+    (w_->renewal ? w_->outdated : w_->stale) = true;
+}
+
 // The lanes' common state, where the shared metric is made: mean position, geometric mean of the parameters.
 void EquilibriumSolver::mean_state(const Batch& batch) noexcept {
     auto& w = *w_;
@@ -157,7 +167,8 @@ void EquilibriumSolver::follow_renewal(const ExternalActions& actions, const Bat
     if (!w.renewal || batch.inertia.damping != nullptr) return;
     if (w.renewal->running() && ++w.renewal_age >= settings_.renewal_steps) {
         if (w.renewal->take(w.metric, report.factorisations)) w.history.start(0, 0);
-    } else if (!w.renewal->running() && report.iterations > settings_.renew_after) {
+    } else if (!w.renewal->running() && (w.outdated || report.iterations > settings_.renew_after)) {
+        w.outdated = false;
         mean_state(batch);
         w.renewal->begin(actions, batch.inertia.coefficient, w.lane_theta.data(), w.positions);
         w.renewal_age = 0;

@@ -58,8 +58,13 @@ class EquilibriumSolver {
 
     const SolverTimes& times() const { return times_; }
 
-    /// [loop] Forgets the shared factorisation (after a change of topology or material).
+    /// [loop] Forgets the shared factorisation and makes all workspaces anew (another length of the time step).
     void invalidate();
+    /// [loop] Before the system changes: no thread in the background looks at it any more.
+    void release_system() noexcept;
+    /// [loop] After a change of the system with its pattern kept: the metric is renewed, until then it goes on with the old
+    /// one.
+    void follow_system() noexcept;
 
   private:
     struct Workspace;

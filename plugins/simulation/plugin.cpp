@@ -1,5 +1,5 @@
-// Unit `simulation`: reads the case, offers teres.forward_model/1 and, if asked, teres.trajectory_model/1. It
-// has no messages of its own; whoever estimates or simulates calls the interface and publishes.
+// Unit `simulation`: reads the case, offers teres.forward_model/1, teres.topology/1 and, if asked,
+// teres.trajectory_model/1. It has no messages of its own; whoever estimates or simulates calls the interface and publishes.
 #include "core/plugin_sdk.h"
 
 #include "core/case/case_reader.h"
@@ -35,6 +35,7 @@ class SimulationPlugin final : public Unit {
     teres_step_outcome step(std::int64_t) noexcept override { return TERES_STEP_IDLE; }
     void* extension(std::string_view id) override {
         if (id == ForwardModel::kId && model_) return static_cast<ForwardModel*>(model_.get());
+        if (id == Topology::kId && model_) return static_cast<Topology*>(model_.get());
         if (id == TrajectoryModel::kId && trajectory_)
             return static_cast<TrajectoryModel*>(trajectory_.get());
         return nullptr;

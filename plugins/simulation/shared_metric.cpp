@@ -71,6 +71,13 @@ void MetricRenewal::begin(const ExternalActions& actions, double inertia_coeffic
     changed_.notify_all();
 }
 
+void MetricRenewal::drop() {
+    if (!running_) return;
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [this] { return done_; });
+    running_ = false;
+}
+
 bool MetricRenewal::take(std::unique_ptr<SharedMetric>& metric, int& factorisations) {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [this] { return done_; });

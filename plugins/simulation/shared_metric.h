@@ -49,6 +49,8 @@ class MetricRenewal {
     /// [loop] Begins a renewal at this state (copied).
     void begin(const ExternalActions& actions, double inertia_coefficient, const double* theta,
                const Positions& x);
+    /// [loop] Waits for it and lets it go.
+    void drop();
     /// [loop] Waits for it and exchanges it for `metric` if it succeeded.
     bool take(std::unique_ptr<SharedMetric>& metric, int& factorisations);
 

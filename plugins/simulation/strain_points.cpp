@@ -46,9 +46,11 @@ StrainPoints nodal_points(const TetMesh& mesh, PartWeights part) {
             }
     StrainPoints points;
     points.part = part;
+    points.point_of_node.assign(mesh.num_nodes(), -1);
     points.offset.push_back(0);
     for (std::size_t a = 0; a < patch.size(); ++a) {
         if (mesh.node_volume[a] <= 0.0) continue;
+        points.point_of_node[a] = static_cast<std::int32_t>(points.size());
         for (const auto& [node, g] : patch[a]) append_entry(points, node, g / mesh.node_volume[a]);
         close_point(points, mesh.node_volume[a]);
     }
@@ -124,6 +126,33 @@ std::vector<StrainPoints> make_strain_points(const TetMesh& mesh, ElementType ty
             return {quadratic_points(mesh)};
     }
     return {};
+}
+
+void follow_volumes(const TetMesh& mesh, std::vector<StrainPoints>& points) noexcept {
+    for (auto& set : points) {
+        if (set.point_of_node.empty()) {
+            std::copy(mesh.volume.begin(), mesh.volume.end(), set.volume.begin());
+            continue;
+        }
+        std::fill(set.gradient.begin(), set.gradient.end(), 0.0);
+        for (std::size_t a = 0; a < mesh.num_nodes(); ++a)
+            if (set.point_of_node[a] >= 0)
+                set.volume[static_cast<std::size_t>(set.point_of_node[a])] = mesh.node_volume[a];
+        for (std::size_t e = 0; e < mesh.tets.size(); ++e) {
+            if (mesh.volume[e] == 0.0) continue;
+            for (const auto a : mesh.tets[e]) {
+                const auto q = static_cast<std::size_t>(set.point_of_node[static_cast<std::size_t>(a)]);
+                const double share = 0.25 * mesh.volume[e] / mesh.node_volume[static_cast<std::size_t>(a)];
+                for (std::size_t i = 0; i < 4; ++i) {
+                    const auto entry = std::lower_bound(set.node.begin() + set.offset[q],
+                                                        set.node.begin() + set.offset[q + 1], mesh.tets[e][i]) -
+                                       set.node.begin();
+                    Eigen::Map<Vector3d>(&set.gradient[3 * static_cast<std::size_t>(entry)]) +=
+                        share * mesh.gradient[e].col(static_cast<Eigen::Index>(i));
+                }
+            }
+        }
+    }
 }
 
 std::vector<StrainPoints> separate_parts(std::vector<StrainPoints> points) {

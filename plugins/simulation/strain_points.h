@@ -21,6 +21,7 @@ namespace teres {
 
 struct StrainPoints {
     PartWeights part;                     ///< share of the energy that these points carry
+    std::vector<std::int32_t> point_of_node;  ///< nodal averages: -1 for nodes without tissue; empty: points of elements
     std::vector<std::int32_t> offset;     ///< num_points + 1
     std::vector<NodeIndex> node;          ///< nodes of each point, ascending
     std::vector<double> gradient;         ///< dN/dX, 3 per node entry [1/m]
@@ -47,6 +48,10 @@ enum class ElementType {
 std::vector<StrainPoints> make_strain_points(const TetMesh& mesh, ElementType type, double shear_blend);
 /// The same energy on sets that carry either shear or volume alone: effects change one of them.
 std::vector<StrainPoints> separate_parts(std::vector<StrainPoints> points);
+
+/// [loop] The same points after tetrahedra of `mesh` have lost their volume (sets of element or nodal points): layout
+/// stays, points without tissue get volume 0.
+void follow_volumes(const TetMesh& mesh, std::vector<StrainPoints>& points) noexcept;
 
 /// Linear tetrahedra made quadratic: straight edges, one new node in the middle of each edge (after the
 /// corner nodes).
