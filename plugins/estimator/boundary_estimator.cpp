@@ -14,6 +14,7 @@ using Eigen::VectorXd;
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 // After frames that did not converge the sigma points come closer, down to this share of the set spread.
 constexpr double kLeastSpread = 1.0 / 64.0;
+constexpr double kDetachedShare = 1e-3;  // estimate of a released ligament, of the threshold of attachment
 
 std::span<double> span_of(MatrixXd& m) {
     return {m.data(), static_cast<std::size_t>(m.size())};
@@ -67,6 +68,7 @@ BoundaryEstimator::BoundaryEstimator(ForwardModel& model, const BoundaryEstimato
     z_ = residual_ = VectorXd::Constant(rows, kNaN);
     sigma_ = VectorXd::Zero(rows / 3);
     present_.assign(static_cast<std::size_t>(rows / 3), 0);
+    lost_.assign(present_.size(), 0);
     used_.assign(static_cast<std::size_t>(rows), 0);
     Z_.resize(rows, filter_->num_lanes());
     theta_ = map_.prior_mean();
@@ -88,7 +90,7 @@ void BoundaryEstimator::read(const MarkerFrame& frame) {
         }
         seen[j] = 1;
         const Eigen::Vector3d p(frame.x_m[i], frame.y_m[i], frame.z_m[i]);
-        if (!p.allFinite()) continue;
+        if (!p.allFinite() || lost_[j] != 0) continue;
         const double sigma = frame.sigma_m[i];
         z_.segment<3>(static_cast<Index>(3 * j)) = p;
         sigma_(static_cast<Index>(j)) =
@@ -198,6 +200,19 @@ FrameOutcome BoundaryEstimator::step(const MarkerFrame& frame, ForwardInputs loa
     state_ = filter_->state();
     record(loads, change);
     return correction.num_used > 0 ? FrameOutcome::kCorrected : FrameOutcome::kPredicted;
+}
+
+void BoundaryEstimator::follow_cut(std::span<const std::int32_t> released,
+                                   std::span<const std::int32_t> lost_markers) {
+    for (const auto p : released) {
+        const ForwardParameter of = model_->parameter(static_cast<std::size_t>(p));
+        const double nothing = std::max(of.lower, kDetachedShare * of.attachment_threshold);
+        filter_->release_parameter(p, map_.to_filter(p, nothing), map_.prior_stdev()(p));
+    }
+    for (const auto j : lost_markers) lost_[static_cast<std::size_t>(j)] = 1;
+    inconsistent_ = true;
+    theta_ = filter_->theta();
+    covariance_ = filter_->covariance();
 }
 
 void BoundaryEstimator::record(const ForwardInputs& loads, const ParameterWalk::Change& change) {

@@ -76,6 +76,11 @@ class BoundaryEstimator {
     /// [loop] loads: at the time of the frame; its dt_s is filled in here.
     FrameOutcome step(const MarkerFrame& frame, ForwardInputs loads) noexcept;
 
+    /// [loop] The body was cut: the model no longer reacts to these parameters (their estimate is: not attached), these
+    /// markers (indices of the model) went with their tissue. The other parameters become less sure once, by the
+    /// re-inflation of an inconsistent frame: a cut may change more than was said.
+    void follow_cut(std::span<const std::int32_t> released, std::span<const std::int32_t> lost_markers);
+
     // Of the last frame that was not refused.
     std::int64_t stamp_us() const { return stamp_us_; }
     bool started() const { return started_; }
@@ -130,6 +135,7 @@ class BoundaryEstimator {
     Eigen::VectorXd rest_markers_, z_, noise_;  // 3 per marker
     Eigen::VectorXd sigma_;                     // per marker
     std::vector<std::uint8_t> present_, used_;  // per marker; per row
+    std::vector<std::uint8_t> lost_;            // per marker: its tissue is cut away
     Eigen::MatrixXd lanes_, points_, theta_lanes_, Z_;
     Eigen::VectorXd theta_, state_, residual_;
     Eigen::MatrixXd covariance_, predicted_covariance_;

@@ -26,6 +26,9 @@ class ReducedOrderLaneFilter final : public LaneFilter {
         if ((noise_variance.array() != 0.0).any()) filter_.add_process_noise(noise_variance.asDiagonal());
     }
     void shift_parameters(const VectorXd& delta) override { filter_.shift_parameters(delta); }
+    void release_parameter(Index i, double mean, double stdev) override {
+        filter_.release_parameter(i, mean, stdev);
+    }
     void draw(double spread, MatrixXd& lanes, MatrixXd& theta) override {
         X_ = filter_.sigma_points(spread);
         lanes = X_.topRows(filter_.num_state());
@@ -65,6 +68,7 @@ class ParameterLaneFilter final : public LaneFilter {
         if ((noise_variance.array() != 0.0).any()) filter_.add_process_noise(noise_variance.asDiagonal());
     }
     void shift_parameters(const VectorXd& delta) override { filter_.shift_mean(delta); }
+    void release_parameter(Index i, double mean, double stdev) override { filter_.release(i, mean, stdev); }
     void draw(double spread, MatrixXd& lanes, MatrixXd& theta) override {
         theta = filter_.sigma_points(spread);
         lanes = x_.replicate(1, filter_.num_points());

@@ -25,6 +25,8 @@ class LaneFilter {
     /// P <- D P D + Q for the parameters, D and Q diagonal.
     virtual void widen(const Eigen::VectorXd& factor, const Eigen::VectorXd& noise_variance) = 0;
     virtual void shift_parameters(const Eigen::VectorXd& delta) = 0;
+    /// The model no longer reacts to parameter i: it is N(mean, stdev^2), apart from all else.
+    virtual void release_parameter(Eigen::Index i, double mean, double stdev) = 0;
     /// lanes: num_state x r start values; theta: p x r in filter coordinates.
     virtual void draw(double spread, Eigen::MatrixXd& lanes, Eigen::MatrixXd& theta) = 0;
     /// lanes after the model; theta as drawn.

@@ -1,4 +1,4 @@
-// Unit `estimator`: TOOL_LOADS and MARKERS in; BOUNDARY_ESTIMATE, LIVER_STATE and INNOVATION out, one of each
+// Unit `estimator`: TOOL_LOADS, MARKERS and CUT in; BOUNDARY_ESTIMATE, LIVER_STATE and INNOVATION out, one of each
 // per frame, stamped with the capture time of the frame and nothing else, so that a replay gives the same
 // bytes.
 #include <algorithm>
@@ -8,11 +8,13 @@
 #include <optional>
 
 #include "core/extensions/offline_estimate.h"
+#include "core/extensions/topology.h"
 #include "core/load_book.h"
 #include "core/plugin_sdk.h"
 #include "plugins/estimator/boundary_estimator.h"
 #include "plugins/estimator/settings.h"
 #include "teres/boundary_estimate_t.hpp"
+#include "teres/cut_t.hpp"
 #include "teres/innovation_t.hpp"
 #include "teres/liver_state_t.hpp"
 #include "teres/markers_t.hpp"
@@ -22,6 +24,7 @@ namespace teres {
 namespace {
 
 constexpr std::size_t kMaxMessageBytes = 1 << 20;
+constexpr std::size_t kMaxCuts = 64;
 
 }  // namespace
 
@@ -49,12 +52,16 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
         estimator_->keep_recording(settings.keep_recording);
         smoothed_ = {};
         loads_.emplace(*model_);
+        topology_ = host_.extension<Topology>();
         queue_.clear();
+        cuts_.clear();
         prepare_messages();
         TERES_TRY(host_.subscribe<tool_loads_t>(
             "TOOL_LOADS", kMaxMessageBytes, [this](const tool_loads_t& m, std::int64_t) { take_loads(m); }));
         TERES_TRY(host_.subscribe<markers_t>("MARKERS", kMaxMessageBytes,
                                              [this](const markers_t& m, std::int64_t) { take_markers(m); }));
+        TERES_TRY(host_.subscribe<cut_t>("CUT", kMaxMessageBytes,
+                                         [this](const cut_t& m, std::int64_t) { take_cut(m); }));
         return {};
     }
 
@@ -82,6 +89,7 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
         estimator_.reset();
         loads_.reset();
         model_ = nullptr;
+        topology_ = nullptr;
     }
 
     void* extension(std::string_view id) override {
@@ -146,10 +154,56 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
             overflowed_ = true;
         }
         queue_.push_back(message);
+        newest_marker_us_ = message.header.capture_stamp_us;
+    }
+
+    void take_cut(const cut_t& message) {
+        if (!estimator_) return;
+        const char* refusal = topology_ == nullptr         ? "the model cannot be cut"
+                              : settings.keep_recording    ? "an offline estimate smooths over one topology"
+                              : cuts_.size() >= kMaxCuts   ? "too many cuts wait for a marker frame"
+                                                           : nullptr;
+        if (refusal != nullptr) {
+            host_.log(TERES_LOG_WARN, "estimator", std::string("CUT refused: ") + refusal);
+            return;
+        }
+        cuts_.push_back(message);
+        auto& stamp = cuts_.back().header.capture_stamp_us;
+        if (stamp <= 0) stamp = newest_marker_us_ + 1;
+    }
+
+    // Cuts that came before the frame.
+    void follow_cuts(std::int64_t frame_us) noexcept {
+        while (!cuts_.empty() && cuts_.front().header.capture_stamp_us <= frame_us) {
+            const cut_t cut = std::move(cuts_.front());
+            cuts_.pop_front();
+            std::vector<std::int32_t> released, lost;
+            for (std::size_t p = 0; p < model_->num_parameters(); ++p)
+                if (std::ranges::find(cut.released, model_->parameter(p).name) != cut.released.end())
+                    released.push_back(static_cast<std::int32_t>(p));
+            const CutReport report = topology_->cut(cut.tet, released);
+            if (report.outcome != CutOutcome::kDone || released.size() < cut.released.size())
+                host_.log(TERES_LOG_WARN, "estimator",
+                          report.outcome == CutOutcome::kNothingHolds ? "CUT refused: nothing would hold the body any more"
+                          : report.outcome == CutOutcome::kNotSupported
+                              ? "CUT refused: elements of this kind cannot be cut"
+                          : report.outcome == CutOutcome::kUnknownIndex
+                              ? "CUT refused: it names a tetrahedron that the case does not have"
+                              : "CUT names a parameter that the case does not have, or one twice: passed over");
+            if (report.outcome != CutOutcome::kDone) continue;
+            for (std::size_t j = 0; j < model_->num_markers(); ++j)
+                if (topology_->marker_lost(j)) lost.push_back(static_cast<std::int32_t>(j));
+            estimator_->follow_cut(released, lost);
+            host_.log(TERES_LOG_INFO, "estimator",
+                      "cut: " + std::to_string(report.tets_removed) + " tetrahedra gone, " +
+                          std::to_string(released.size()) + " parameters released, " + std::to_string(lost.size()) +
+                          " markers gone so far");
+        }
     }
 
     teres_step_outcome work(const markers_t& m) noexcept {
         const MarkerFrame frame{m.header.capture_stamp_us, m.marker_id, m.x_m, m.y_m, m.z_m, m.sigma_m};
+        follow_cuts(frame.stamp_us);
         const std::int64_t unknown_before = estimator_->counters().markers_unknown;
         const FrameOutcome outcome = estimator_->step(frame, loads_->at(frame.stamp_us));
         if (outcome == FrameOutcome::kRefused) {
@@ -273,6 +327,9 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
     std::optional<BoundaryEstimator> estimator_;
     std::optional<LoadBook> loads_;
     std::deque<markers_t> queue_;
+    Topology* topology_ = nullptr;
+    std::deque<cut_t> cuts_;
+    std::int64_t newest_marker_us_ = 0;
     SmootherResult smoothed_;
     bool overflowed_ = false;
     bool loads_warned_ = false, names_warned_ = false, queue_warned_ = false, time_warned_ = false,

@@ -56,6 +56,17 @@ void RoUkf::shift_parameters(const VectorXd& delta) {
     mean_.tail(num_parameters()) += delta;
 }
 
+void RoUkf::release_parameter(Index i, double mean, double stdev) {
+    MatrixXd G = sensitivity(), P = covariance();
+    G.col(i).setZero();
+    P.row(i).setZero();
+    P.col(i).setZero();
+    P(i, i) = stdev * stdev;
+    A_.bottomRows(num_parameters()) = lower_root(P);
+    A_.topRows(num_state()).noalias() = G * A_.bottomRows(num_parameters());
+    mean_(num_state() + i) = mean;
+}
+
 const MatrixXd& RoUkf::sigma_points(double spread) {
     TERES_CHECK(spread > 0.0);
     spread_ = spread;

@@ -50,6 +50,8 @@ class RoUkf {
     void scale_parameters(const Eigen::VectorXd& factor);
     /// theta += delta, and the state with it along G (used to put the mean back between bounds).
     void shift_parameters(const Eigen::VectorXd& delta);
+    /// The model no longer reacts to parameter i: it is N(mean, stdev^2), apart from state and other parameters.
+    void release_parameter(Eigen::Index i, double mean, double stdev);
 
     /// Columns mean + spread A I_i. Valid until the next call of sigma_points(). A spread below 1 keeps the
     /// points where a stiff model still converges (the scaled transform); predict and innovation divide it

@@ -26,6 +26,16 @@ void Ukf::scale_covariance(const VectorXd& factor) {
     D_.resize(0, 0);
 }
 
+void Ukf::release(Eigen::Index i, double mean, double stdev) {
+    MatrixXd P = covariance();
+    P.row(i).setZero();
+    P.col(i).setZero();
+    P(i, i) = stdev * stdev;
+    S_ = lower_root(P);
+    D_.resize(0, 0);
+    mean_(i) = mean;
+}
+
 void Ukf::shift_mean(const VectorXd& delta) {
     TERES_CHECK(delta.size() == size());
     mean_ += delta;

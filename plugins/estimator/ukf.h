@@ -37,6 +37,8 @@ class Ukf {
     void add_process_noise(const Eigen::MatrixXd& Q);      ///< P += Q
     void scale_covariance(const Eigen::VectorXd& factor);  ///< P <- D P D, D = diag(factor)
     void shift_mean(const Eigen::VectorXd& delta);
+    /// Entry i becomes N(mean, stdev^2), independent of the others.
+    void release(Eigen::Index i, double mean, double stdev);
 
     /// Columns mean + spread S I_i. Valid until the next call of sigma_points(). A spread below 1 keeps the
     /// points where a stiff model still converges (the scaled transform); predict and innovation divide it

@@ -6,6 +6,7 @@
 #include <teres/boundary_estimate_t.hpp>
 #include <teres/camera_info_t.hpp>
 #include <teres/channel_health_t.hpp>
+#include <teres/cut_t.hpp>
 #include <teres/device_health_t.hpp>
 #include <teres/header_t.hpp>
 #include <teres/health_t.hpp>
@@ -47,7 +48,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const std::uint8_t type = data[0];
     ++data;
     --size;
-    switch (type % 13) {
+    switch (type % 14) {
         case 0:
             decode<teres::markers_t>(data, size);
             break;
@@ -83,6 +84,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
             break;
         case 11:
             decode<teres::pedal_t>(data, size);
+            break;
+        case 12:
+            decode<teres::cut_t>(data, size);
             break;
         default:
             decode<teres::header_t>(data, size);
