@@ -22,6 +22,7 @@ int main(int argc, char** argv) {
         add_record_command(app, exit_code);
         add_replay_command(app, exit_code);
         add_run_command(app, exit_code);
+        add_cut_command(app, exit_code);
         add_estimate_command(app, exit_code);
         add_diagnose_command(app, exit_code);
         add_effects_command(app, exit_code);

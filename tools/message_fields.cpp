@@ -9,6 +9,7 @@
 
 #include "teres/boundary_estimate_t.hpp"
 #include "teres/camera_info_t.hpp"
+#include "teres/cut_t.hpp"
 #include "teres/device_health_t.hpp"
 #include "teres/gap_t.hpp"
 #include "teres/health_t.hpp"
@@ -60,6 +61,13 @@ void put(json& to, const tool_loads_t& m) {
     to["x_m"] = head(m.x_m);
     to["y_m"] = head(m.y_m);
     to["z_m"] = head(m.z_m);
+}
+
+void put(json& to, const cut_t& m) {
+    put(to, m.header);
+    to["num_tets"] = m.num_tets;
+    to["tet"] = head(m.tet);
+    to["released"] = head(m.released);
 }
 
 void put(json& to, const tracking_t& m) {
@@ -221,7 +229,7 @@ MessageFields message_fields(std::span<const std::uint8_t> data) {
                                                        known<markers_t>(),           known<tool_loads_t>(),
                                                        known<image_t>(),             known<camera_info_t>(),
                                                        known<device_health_t>(),     known<pedal_t>(),
-                                                       known<tracking_t>()};
+                                                       known<tracking_t>(),          known<cut_t>()};
     MessageFields fields;
     if (data.size() < 8) return fields;
     std::uint64_t hash = 0;

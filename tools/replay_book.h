@@ -17,7 +17,7 @@
 namespace teres::tools {
 
 /// What a replay feeds, what plugins publish themselves, and what no comparison can be made of.
-inline constexpr const char* kInputChannels = "MARKERS|TOOL_LOADS|CAMERA_.*|PEDAL";
+inline constexpr const char* kInputChannels = "MARKERS|TOOL_LOADS|CUT|CAMERA_.*|PEDAL";
 inline constexpr const char* kResultChannels = "BOUNDARY_ESTIMATE|LIVER_STATE|INNOVATION|GAP";
 inline constexpr const char* kHealthChannel = "HEALTH";
 inline constexpr const char* kEstimateChannel = "BOUNDARY_ESTIMATE";
