@@ -71,7 +71,21 @@ struct Recording {
     MatrixXd markers;  // 3 M x frames
     MatrixXd truth;    // states
     VectorXd theta;
+    Eigen::Index cut_frame = -1;  // before it the tissue is cut and a ligament group lets go; -1: never
+    std::vector<std::int32_t> cut_tets, released;
 };
+
+// A slit into the lower edge between the lobes, as deep as a third of the liver; the group at the end of the ligament.
+void plan_cut(Recording& r, const CaseModel& model) {
+    r.cut_frame = r.scene.num_frames / 2;
+    for (std::size_t e = 0; e < r.scene.mesh.tets.size(); ++e) {
+        Eigen::Vector3d p = Eigen::Vector3d::Zero();
+        for (const auto node : r.scene.mesh.tets[e])
+            p += 0.25 * Eigen::Map<const Eigen::Vector3d>(r.scene.mesh.nodes[static_cast<std::size_t>(node)].data());
+        if (std::abs(p.x()) < 0.012 && p.y() < -0.025) r.cut_tets.push_back(static_cast<std::int32_t>(e));
+    }
+    r.released = {static_cast<std::int32_t>(model.num_parameters()) - 1};
+}
 
 CaseModelSettings model_settings(const BenchOptions& options, int lanes) {
     CaseModelSettings settings;
@@ -89,7 +103,7 @@ ForwardInputs inputs_of(const Recording& recording, Eigen::Index frame) {
             {}};
 }
 
-Result<Recording> make_recording(const BenchOptions& options) {
+Result<Recording> make_recording(const BenchOptions& options, bool cut = false) {
     Recording r;
     BenchScene scene;
     scene.tetrahedra = options.tetrahedra;
@@ -109,6 +123,7 @@ Result<Recording> make_recording(const BenchOptions& options) {
     for (Eigen::Index p = 0; p < r.theta.size(); ++p)
         r.theta(p) = model->parameter(static_cast<std::size_t>(p)).prior_median *
                      std::exp(0.7 * std::sin(1.0 + 2.0 * static_cast<double>(p)));
+    if (cut) plan_cut(r, *model);
     MatrixXd x(static_cast<Eigen::Index>(model->num_state()), 1), z(rows, 1);
     model->rest_state(span_of(x));
     r.markers.resize(rows, frames);
@@ -116,6 +131,8 @@ Result<Recording> make_recording(const BenchOptions& options) {
     std::mt19937_64 random(7);
     std::normal_distribution<double> noise(0.0, r.scene.sensor.noise_sigma_m);
     for (Eigen::Index f = 0; f < frames; ++f) {
+        if (f == r.cut_frame && model->cut(r.cut_tets, r.released).outcome != CutOutcome::kDone)
+            return not_usable("the cut of the bench recording was refused");
         const ForwardReport report = model->advance(
             inputs_of(r, f), {r.theta.data(), static_cast<std::size_t>(r.theta.size())}, span_of(x), 1);
         if (report.lanes_converged != 1)
@@ -129,7 +146,8 @@ Result<Recording> make_recording(const BenchOptions& options) {
 
 /// The whole filter over the recording; the first fifth of the frames is warm-up.
 struct FilterRun {
-    std::vector<double> step_ms, iterations;
+    std::vector<double> step_ms, iterations, marker_rms;
+    double cut_ms = 0.0;  ///< of the change itself, before the step
     SolverTimes times;  // of the timed frames
     int timed = 0, factorisations = 0, not_converged = 0, unknowns = 0;
     double rest_ms = 0.0;  ///< a frame: filter algebra, copies, waiting for a renewal
@@ -162,6 +180,11 @@ Result<FilterRun> run_filter(const Recording& recording, const BenchOptions& opt
             z,
             sigma};
         if (f == recording.markers.cols() / 5) before = model->solver().times();
+        if (f == recording.cut_frame)
+            run.cut_ms = milliseconds([&] {
+                model->cut(recording.cut_tets, recording.released);
+                estimator.follow_cut(recording.released, {});
+            });
         const double ms = milliseconds([&] { estimator.step(frame, inputs_of(recording, f)); });
         const ForwardReport& report = estimator.report();
         run.not_converged += report.lanes - report.lanes_converged;
@@ -169,6 +192,7 @@ Result<FilterRun> run_filter(const Recording& recording, const BenchOptions& opt
         ++run.timed;
         total += ms;
         run.step_ms.push_back(ms);
+        run.marker_rms.push_back(std::sqrt(estimator.residual().squaredNorm() / static_cast<double>(z.size())));
         run.iterations.push_back(report.iterations);
         run.factorisations += report.factorisations;
     }
@@ -247,6 +271,33 @@ double mean(const std::vector<double>& v) {
     double sum = 0.0;
     for (const double x : v) sum += x;
     return v.empty() ? 0.0 : sum / static_cast<double>(v.size());
+}
+
+/// What a cut costs while the filter runs: the change itself, the step in which it happens, the ten after it.
+Result<json> cut_cost(BenchOptions options) {
+    options.frames = std::min(options.frames, 100);
+    TERES_TRY_ASSIGN(const Recording recording, make_recording(options, true));
+    TERES_TRY_ASSIGN(const FilterRun run, run_filter(recording, options));
+    const auto at = static_cast<std::ptrdiff_t>(recording.cut_frame - recording.markers.cols() / 5);
+    const auto of = [&](const std::vector<double>& v, std::ptrdiff_t first, std::ptrdiff_t last) {
+        return percentiles({v.begin() + first, v.begin() + std::min<std::ptrdiff_t>(last, std::ssize(v))}).p50;
+    };
+    const double usual = of(run.step_ms, 0, at), step = run.step_ms[static_cast<std::size_t>(at)],
+                 after = of(run.step_ms, at + 1, at + 11);
+    const double rms_before = of(run.marker_rms, 0, at), rms_after = of(run.marker_rms, at + 10, std::ssize(run.marker_rms));
+    fmt::print("cut of {} tetrahedra, one ligament group released: change {:.1f} ms, its step {:.2f} of a usual step, the ten "
+               "after it {:.2f} (median); markers predicted to {:.2f} mm before, {:.2f} mm after; {} lanes not converged\n",
+               recording.cut_tets.size(), run.cut_ms, step / usual, after / usual, 1e3 * rms_before, 1e3 * rms_after,
+               run.not_converged);
+    return json{{"tetrahedra", recording.cut_tets.size()},
+                {"change_ms", run.cut_ms},
+                {"step_ms", step},
+                {"step_to_usual", (run.cut_ms + step) / usual},
+                {"ten_after_to_usual", after / usual},
+                {"iterations_of_step", run.iterations[static_cast<std::size_t>(at)]},
+                {"marker_rms_mm_before", 1e3 * rms_before},
+                {"marker_rms_mm_after", 1e3 * rms_after},
+                {"lanes_not_converged", run.not_converged}};
 }
 
 /// One row of a scaling table: the filter alone.
@@ -386,6 +437,7 @@ Result<int> bench(const BenchOptions& options) {
     fmt::print("filter step / one factorisation   {:8.2f}   ({:.1f} ms)\n", step.p50 / factorisation,
                factorisation);
     fmt::print("peak memory                       {:8.1f} MB\n", memory);
+    TERES_TRY_ASSIGN(out["cut"], cut_cost(options));
     if (options.scaling) {
         TERES_TRY_ASSIGN(out["scaling"], scaling_tables(options));
         if (!options.plot_folder.empty()) {

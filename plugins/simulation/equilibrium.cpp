@@ -57,7 +57,6 @@ struct EquilibriumSolver::Workspace {
     std::vector<double> energy, trial_energy, slope, norm, trial_norm, step;  // per lane
     std::vector<char> active, accepted;
     bool stale = false;  // the last call needed many iterations: factorise anew at the start of the next
-    bool outdated = false;  // the system has changed: renew in the background however few iterations a call takes
     // one lane alone, for plain Newton
     std::unique_ptr<Cholesky> own;  // made on first use
     Eigen::MatrixXd rhs;
@@ -117,12 +116,12 @@ void EquilibriumSolver::invalidate() {
 }
 
 void EquilibriumSolver::release_system() noexcept {
-    if (w_->renewal) w_->renewal->drop();
+    if (w_->renewal) w_->renewal->release_system();
 }
 
 void EquilibriumSolver::follow_system() noexcept {
     w_->history.start(0, 0);
-    (w_->renewal ? w_->outdated : w_->stale) = true;
+    w_->stale = true;
 }
 
 // The lanes' common state, where the shared metric is made: mean position, geometric mean of the parameters.
@@ -151,8 +150,8 @@ bool EquilibriumSolver::factorise(const ExternalActions& actions, const Batch& b
     const auto& [theta, x, inertia, lanes, stride, may_narrow] = batch;
     return timed(times_.factorise, [&] {
         mean_state(batch);
-        if (!w.metric->renew(actions, inertia, 0, w.lane_theta.data(), w.positions, system_.team(),
-                             report.factorisations))
+        if (!w.metric->read(actions, inertia, 0, w.lane_theta.data(), w.positions) ||
+            !w.metric->factorise(system_.team(), report.factorisations))
             return false;
         w.history.start(stride, MetricSolver::lane_stride(lanes));
         w.metric->correction().set_lanes(theta, stride, lanes, system_.team());
@@ -167,8 +166,7 @@ void EquilibriumSolver::follow_renewal(const ExternalActions& actions, const Bat
     if (!w.renewal || batch.inertia.damping != nullptr) return;
     if (w.renewal->running() && ++w.renewal_age >= settings_.renewal_steps) {
         if (w.renewal->take(w.metric, report.factorisations)) w.history.start(0, 0);
-    } else if (!w.renewal->running() && (w.outdated || report.iterations > settings_.renew_after)) {
-        w.outdated = false;
+    } else if (!w.renewal->running() && report.iterations > settings_.renew_after) {
         mean_state(batch);
         w.renewal->begin(actions, batch.inertia.coefficient, w.lane_theta.data(), w.positions);
         w.renewal_age = 0;

@@ -62,8 +62,7 @@ class EquilibriumSolver {
     void invalidate();
     /// [loop] Before the system changes: no thread in the background looks at it any more.
     void release_system() noexcept;
-    /// [loop] After a change of the system with its pattern kept: the metric is renewed, until then it goes on with the old
-    /// one.
+    /// [loop] After a change of the system with its pattern kept: the next call begins with a factorisation.
     void follow_system() noexcept;
 
   private:

@@ -52,8 +52,7 @@ GroupCorrection::GroupCorrection(const std::vector<Tether>& tethers, std::size_t
     lane_.assign(max_lanes, lane);
 }
 
-void GroupCorrection::renew(const std::vector<Tether>& tethers, const double* theta0, const Positions& x,
-                            MetricSolver& metric, TaskTeam& team) noexcept {
+void GroupCorrection::read(const std::vector<Tether>& tethers, const double* theta0, const Positions& x) noexcept {
     if (modes_ == 0) return;
     const auto modes = static_cast<std::size_t>(modes_), stride = MetricSolver::lane_stride(modes);
     std::fill(W_.begin(), W_.end(), 0.0f);
@@ -92,6 +91,11 @@ void GroupCorrection::renew(const std::vector<Tether>& tethers, const double* th
         G_inverse_.block(group.first, group.first, group.count, group.count) =
             (eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose()).cast<float>();
     }
+}
+
+void GroupCorrection::renew(MetricSolver& metric, TaskTeam& team) noexcept {
+    if (modes_ == 0) return;
+    const auto modes = static_cast<std::size_t>(modes_), stride = MetricSolver::lane_stride(modes);
     metric.solve(W_.data(), modes, team);  // W held U
     UtW_.setZero();
     for (const auto& group : groups_)

@@ -28,9 +28,10 @@ class GroupCorrection {
     GroupCorrection(const std::vector<Tether>& tethers, std::size_t num_parameters,
                     const BlockPattern& pattern, const MetricSolver& metric, std::size_t max_lanes);
 
-    /// [loop] After K0 was factorised at state x with parameters theta0 (one lane).
-    void renew(const std::vector<Tether>& tethers, const double* theta0, const Positions& x,
-               MetricSolver& metric, TaskTeam& team) noexcept;
+    /// [loop] The tethers where K0 is made: state x, parameters theta0 (one lane).
+    void read(const std::vector<Tether>& tethers, const double* theta0, const Positions& x) noexcept;
+    /// [loop] After K0 was factorised there.
+    void renew(MetricSolver& metric, TaskTeam& team) noexcept;
     /// [loop] Prepares the lanes of one solve; theta: parameter p of lane l at p * stride + l.
     void set_lanes(const double* theta, std::size_t stride, std::size_t lanes, TaskTeam& team) noexcept;
     /// [loop] y (rows and lanes of the metric) holds K0^-1 r and receives K~_l^-1 r.

@@ -14,11 +14,15 @@ SharedMetric::SharedMetric(const MechanicalSystem& system, std::size_t max_lanes
     values_.reserve(system.pattern().num_values());
 }
 
-bool SharedMetric::renew(const ExternalActions& actions, const Inertia& inertia, std::size_t lane,
-                         const double* theta, const Positions& x, TaskTeam& team,
-                         int& factorisations) noexcept {
+bool SharedMetric::read(const ExternalActions& actions, const Inertia& inertia, std::size_t lane,
+                        const double* theta, const Positions& x) noexcept {
     usable_ = false;
     if (!system_.tangent(actions, inertia, lane, theta, x, values_)) return false;
+    correction_.read(system_.parts().tethers, theta, x);
+    return true;
+}
+
+bool SharedMetric::factorise(TaskTeam& team, int& factorisations) noexcept {
     // Indefinite (compressed StVK, slack supports): shift the diagonal until it is a usable metric.
     const auto& start = system_.pattern().column_start();
     const auto rows = static_cast<std::size_t>(system_.pattern().num_rows());
@@ -34,7 +38,7 @@ bool SharedMetric::renew(const ExternalActions& actions, const Inertia& inertia,
     }
     if (!definite) return false;
     solver_.renew(cholesky_);
-    correction_.renew(system_.parts().tethers, theta, x, solver_, team);
+    correction_.renew(solver_, team);
     usable_ = true;
     return true;
 }
@@ -63,19 +67,20 @@ void MetricRenewal::begin(const ExternalActions& actions, double inertia_coeffic
     std::copy_n(theta, theta_.size(), theta_.begin());
     x_ = x;
     running_ = true;
+    outdated_ = false;
     {
         const std::lock_guard lock(mutex_);
         wanted_ = true;
-        done_ = false;
+        read_ = done_ = false;
     }
     changed_.notify_all();
 }
 
-void MetricRenewal::drop() {
+void MetricRenewal::release_system() {
     if (!running_) return;
     std::unique_lock lock(mutex_);
-    changed_.wait(lock, [this] { return done_; });
-    running_ = false;
+    changed_.wait(lock, [this] { return read_; });
+    outdated_ = true;
 }
 
 bool MetricRenewal::take(std::unique_ptr<SharedMetric>& metric, int& factorisations) {
@@ -83,8 +88,9 @@ bool MetricRenewal::take(std::unique_ptr<SharedMetric>& metric, int& factorisati
     changed_.wait(lock, [this] { return done_; });
     running_ = false;
     factorisations += factorisations_;
-    if (ok_) metric.swap(spare_);
-    return ok_;
+    if (!ok_ || outdated_) return false;
+    metric.swap(spare_);
+    return true;
 }
 
 void MetricRenewal::work() {
@@ -95,7 +101,12 @@ void MetricRenewal::work() {
         wanted_ = false;
         lock.unlock();
         factorisations_ = 0;
-        ok_ = spare_->renew(actions_, inertia_, 0, theta_.data(), x_, alone_, factorisations_);
+        ok_ = spare_->read(actions_, inertia_, 0, theta_.data(), x_);
+        lock.lock();
+        read_ = true;
+        lock.unlock();
+        changed_.notify_all();
+        ok_ = ok_ && spare_->factorise(alone_, factorisations_);
         lock.lock();
         done_ = true;
         changed_.notify_all();

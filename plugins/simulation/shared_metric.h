@@ -21,11 +21,13 @@ class SharedMetric {
     /// [setup]
     SharedMetric(const MechanicalSystem& system, std::size_t max_lanes);
 
-    /// [loop] Factorises the tangent at `x` (lane of inertia.damping: `lane`) with parameters `theta` (one
-    /// lane). Counts factorisations. False: outside of the law's domain or not positive definite even when
-    /// shifted.
-    bool renew(const ExternalActions& actions, const Inertia& inertia, std::size_t lane, const double* theta,
-               const Positions& x, TaskTeam& team, int& factorisations) noexcept;
+    /// [loop] Takes the tangent at `x` (lane of inertia.damping: `lane`) with parameters `theta` (one lane). False: outside
+    /// of the law's domain.
+    bool read(const ExternalActions& actions, const Inertia& inertia, std::size_t lane, const double* theta,
+              const Positions& x) noexcept;
+    /// [loop] Factorises what was read; the system may change meanwhile. Counts factorisations. False: not positive definite
+    /// even when shifted.
+    bool factorise(TaskTeam& team, int& factorisations) noexcept;
     bool usable() const { return usable_; }
 
     MetricSolver& solver() { return solver_; }
@@ -49,8 +51,8 @@ class MetricRenewal {
     /// [loop] Begins a renewal at this state (copied).
     void begin(const ExternalActions& actions, double inertia_coefficient, const double* theta,
                const Positions& x);
-    /// [loop] Waits for it and lets it go.
-    void drop();
+    /// [loop] The system is about to change: waits until the thread has read it. What it makes of it is not taken over.
+    void release_system();
     /// [loop] Waits for it and exchanges it for `metric` if it succeeded.
     bool take(std::unique_ptr<SharedMetric>& metric, int& factorisations);
 
@@ -64,11 +66,11 @@ class MetricRenewal {
     Inertia inertia_;
     std::vector<double> theta_;
     Positions x_;
-    bool running_ = false, ok_ = false;
+    bool running_ = false, ok_ = false, outdated_ = false;
     int factorisations_ = 0;
     std::mutex mutex_;
     std::condition_variable changed_;
-    bool wanted_ = false, done_ = false, stop_ = false;  // under mutex_
+    bool wanted_ = false, read_ = false, done_ = false, stop_ = false;  // under mutex_
     std::thread thread_;
 };
 
