@@ -266,7 +266,7 @@ CutReport CaseModel::cut(std::span<const std::int32_t> tets, std::span<const std
         for (const auto& tool : parts.tools) holds[static_cast<std::size_t>(tool.node)] = 1;
         for (const auto& t : parts.tethers)
             if (t.share > 0.0 && std::ranges::find(parameters, t.parameter) == parameters.end())
-                holds[static_cast<std::size_t>(t.node)] = 1;
+                for (std::size_t i = 0; i < t.num_nodes(); ++i) holds[static_cast<std::size_t>(t.node_at(i))] = 1;
     }
     const std::vector<char> left = tissue_left(mesh_, tets, holds);
     if (std::ranges::find(left, 1) == left.end()) return {CutOutcome::kNothingHolds, 0};

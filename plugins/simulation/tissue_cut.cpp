@@ -57,8 +57,11 @@ std::int32_t keep_tissue(const std::vector<char>& left, TetMesh& mesh, Mechanica
         tie.node = static_cast<NodeIndex>(a);
         tie.share = parts.body.material().mu() * std::cbrt(before[a]);
         tie.band = {parts.X.col(static_cast<Eigen::Index>(a)), Eigen::Vector3d::UnitZ(), 1.0, 0.0};
-        for (auto& t : parts.tethers)
+        for (auto& t : parts.tethers) {
             if (t.node == tie.node) t.share = 0.0;
+            for (auto& spring : t.fan.near)
+                if (spring.node == tie.node) spring.weight = 0.0;
+        }
         parts.tethers.push_back(tie);
     }
     for (auto& load : parts.loads) {  // the whole force acts on the nodes that are left
