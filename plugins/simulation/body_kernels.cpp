@@ -271,6 +271,7 @@ void add_gradient_of_one_lane(const StrainPoints& points, const PointRows& rows,
         for (std::size_t j = 0; j < count; ++j) {
             const auto q = static_cast<std::size_t>(rows.point[k + j]);
             const double scale = points.volume[q] * points.stiffness_scale[q];
+            if (scale == 0.0) continue;  // cut away: F may be anything
             total += scale * psi[j];
             Pack column[3]{};  // P_ab over a
             for (std::size_t b = 0; b < 3; ++b)
