@@ -16,8 +16,10 @@ struct Calibration {
     double unknown_share = 0.1;
     /// ... at this price [nats], about what the shape and size of a catalogue cause cost.
     double unknown_price = 6.0;
-    /// Whitened cost per used number that remains on controls (1 if our error model were perfect).
-    double floor = 1.3;
+    /// Whitened cost per used number that remains on controls beyond the stated noise: of any body, and of one whose other
+    /// models differ, as a share of that difference (error_floor.h).
+    double model_error = 0.3;
+    double discrepancy_share = 0.5;
     /// White part of the model error that the discrepancy columns miss: an absolute part [m] and a share of the
     /// marker's own displacement.
     double white_floor_m = 1.5e-4;

@@ -39,7 +39,9 @@ Whitener whitener_for(const Recording& recording, const Discrepancy& discrepancy
         sigma(k) = std::sqrt(std::pow(recording.noise_m, 2) + std::pow(calibration.white_floor_m, 2) +
                              std::pow(discrepancy.remainder_m, 2) + std::pow(calibration.white_share * displacement, 2));
     }
-    return Whitener(recording.fit_rows, sigma, discrepancy.columns);
+    // The columns' coefficients are N(0,1) against data that count as nu numbers, not as all of them.
+    const double counted = std::min(1.0, calibration.nu / static_cast<double>(sigma.size()));
+    return Whitener(recording.fit_rows, sigma, std::sqrt(counted) * discrepancy.columns);
 }
 
 // One problem: everything that the stages share.
@@ -49,6 +51,7 @@ struct Problem {
     const DiagnosisOptions& options;
     Discrepancy discrepancy;
     Whitener whitener;
+    ErrorFloor floor{};
 
     Fit fit(const Assumption& start, int iterations, bool robust = false) {
         return fit_jointly(simulator, whitener, recording.observed, start, {iterations, 0.01, robust});
@@ -84,6 +87,8 @@ Fit nominal_fit(Problem& problem) {
     problem.complete(fit);          // the frames between follow from a whole trajectory nearby
     fit = problem.fit(fit.at, 10);  // without weights: causes are compared with the best that the nominal model can do
     problem.complete(fit);
+    problem.floor = error_floor(problem.whitener, problem.discrepancy, fit.J, problem.recording.noise_m,
+                                problem.options.calibration);
     return fit;
 }
 
@@ -134,8 +139,8 @@ void score(Problem& problem, const Fit& nominal, Cause& cause) {
         cause.score = -1e9;
         return;
     }
-    cause.score = refit_score(nominal, cause, problem.simulator.effects(), problem.options.calibration);
-    cause.explained = explained_share(nominal.cost, cause.fit.cost, problem.whitener.size(), problem.options.calibration);
+    cause.score = refit_score(nominal, cause, problem.simulator.effects(), problem.floor, problem.options.calibration);
+    cause.explained = explained_share(nominal.cost, cause.fit.cost, problem.floor);
 }
 
 // Which screened effects deserve a refit: the best scores, and besides them those that explain most, because a local cause
@@ -164,7 +169,7 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* kno
     const DiagnosisOptions& options = problem.options;
     Fit base = known != nullptr ? known->fit : nominal;
     problem.complete(base);
-    screening = screen(problem.simulator, problem.whitener, base, options.calibration,
+    screening = screen(problem.simulator, problem.whitener, problem.floor, base, options.calibration,
                        known != nullptr ? known->entries : std::vector<std::size_t>{},
                        stage(options, known == nullptr ? "screening effects" : "screening further effects"));
     std::vector<Cause> causes;
@@ -273,14 +278,14 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     for (int count = 2; count <= options.max_effects && !causes.empty() && causes.front().fit.usable; ++count) {
         const Cause best = causes.front();
         if (best.score < options.calibration.none_bonus) break;
-        if (best.fit.cost < options.calibration.floor * static_cast<double>(problem.whitener.size())) break;
+        if (best.fit.cost < problem.floor.total()) break;
         Screening further;
         const std::vector<Cause> larger = search(problem, out.nominal, &best, further);
         causes.insert(causes.end(), larger.begin(), larger.end());
         if (larger.empty() || larger.front().score <= best.score) break;
         std::stable_sort(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) { return a.score > b.score; });
     }
-    out.verdict = judge(std::move(causes), out.nominal.cost, problem.whitener.size(), options.calibration);
+    out.verdict = judge(std::move(causes), out.nominal.cost, problem.floor, options.calibration);
     out.significant = out.verdict.none_probability < 0.5;
 
     // Where it lies and how far it closes on what was held out.
@@ -288,7 +293,8 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     const auto seen = out.recording.seen_rows();
     simulator.simulate(out.nominal.at, out.nominal.trajectory, nullptr, &out.nodes_before_m);
     out.gap_m = gap_rms_m(out.recording.observed, out.nominal.trajectory, seen, 0.0);
-    out.floor_m = model_floor_m(out.recording, problem.discrepancy, options.calibration);
+    out.error_floor = problem.floor;
+    out.floor_m = std::sqrt(3.0 * problem.floor.total() / problem.whitener.inverse_sigma().squaredNorm());
     out.where = locate(simulator, problem.whitener, out.recording, out.nominal, out.significant ? named : nullptr,
                        out.significant);
     const auto ladder_step = [&](const std::vector<std::size_t>& entries, const Eigen::VectorXd& trajectory) {
@@ -336,8 +342,11 @@ Result<Plan> plan(const GapRecording& from, const EffectTable& effects, const Di
     recording.observed = recording.observed.array().isFinite().select(motion, recording.observed);
     problem.whitener = whitener_for(recording, problem.discrepancy, motion, options.calibration);
     const Fit nominal = problem.fit(median, 0);
-    Plan out{recording.name, screen(simulator, problem.whitener, nominal, options.calibration, {}, stage(options, "signatures")),
-             {}, problem.whitener.size()};
+    const ErrorFloor floor = error_floor(problem.whitener, problem.discrepancy, nominal.J, recording.noise_m, options.calibration);
+    Plan out{recording.name,
+             screen(simulator, problem.whitener, floor, nominal, options.calibration, {}, stage(options, "signatures")),
+             {},
+             floor};
     out.confusability = confusability(out.screening, nominal.J);
     return out;
 }

@@ -54,6 +54,7 @@ struct Transfer {
 struct Diagnosis {
     std::string name;
     double gap_m = 0.0, floor_m = 0.0;   ///< rms 3-D distance of the nominal fit; what noise and model error explain
+    ErrorFloor error_floor;
     bool significant = false;
     Verdict verdict;
     Fit nominal;
@@ -85,7 +86,7 @@ struct Plan {
     std::string name;
     Screening screening;
     Confusability confusability;
-    Eigen::Index num_used = 0;   ///< numbers that would be fitted
+    ErrorFloor floor;
 };
 Result<Plan> plan(const GapRecording& recording, const EffectTable& effects, const DiagnosisOptions& options);
 

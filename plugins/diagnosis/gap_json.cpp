@@ -113,11 +113,10 @@ Json confusability_json(const Confusability& table, const EffectTable& effects, 
 
 // Visible: the signature at one prior standard deviation would stand out among nu effective samples of a recording at its
 // floor.
-Json visible(const Confusability& table, Eigen::Index num_used, const Calibration& calibration) {
+Json visible(const Confusability& table, const ErrorFloor& floor, const Calibration& calibration) {
     Json list = Json::array();
     for (const double v : table.visibility)
-        list.push_back(0.5 * calibration.nu * std::log1p(v / (calibration.floor * static_cast<double>(num_used))) >
-                       calibration.none_bonus);
+        list.push_back(0.5 * calibration.nu * std::log1p(v / (2.0 * floor.model)) > calibration.none_bonus);
     return list;
 }
 
@@ -189,7 +188,7 @@ std::string gap_json(const Diagnosis& diagnosis, const EffectTable& effects, con
 std::string plan_json(const Plan& plan, const EffectTable& effects, const Calibration& calibration) {
     Json json{{"format", "teres-plan-1"}, {"case", plan.name}};
     json["identifiability"] = confusability_json(plan.confusability, effects, calibration);
-    json["identifiability"]["visible"] = visible(plan.confusability, plan.num_used, calibration);
+    json["identifiability"]["visible"] = visible(plan.confusability, plan.floor, calibration);
     json["suggestions"] = Json::array();
     for (std::size_t c = 0; c < plan.confusability.entries.size(); ++c)
         if (!json["identifiability"]["visible"][c].get<bool>()) {
@@ -204,8 +203,7 @@ std::string report_json(const Diagnosis& d, const EffectTable& effects, const Tr
     Json json = to_json(d, effects, model, calibration);
     json["format"] = "teres-gap-report-1";
     json["identifiability"] = confusability_json(d.confusability, effects, calibration);
-    json["identifiability"]["visible"] =
-        visible(d.confusability, static_cast<Eigen::Index>(d.recording.fit_rows.size()), calibration);
+    json["identifiability"]["visible"] = visible(d.confusability, d.error_floor, calibration);
     Json summaries = Json::object();
     for (std::size_t e = 0; e < effects.size(); ++e)
         summaries[effects[e].info.id] = {{"summary", effects[e].info.summary}, {"kind", effects[e].info.kind},

@@ -110,14 +110,6 @@ Where locate(Simulator& simulator, const Whitener& whitener, const Recording& re
     return where;
 }
 
-double model_floor_m(const Recording& recording, const Discrepancy& discrepancy, const Calibration& calibration) {
-    const double columns = discrepancy.columns.size() == 0
-                               ? 0.0
-                               : discrepancy.columns.squaredNorm() / static_cast<double>(discrepancy.columns.rows());
-    return std::sqrt(3.0 * (std::pow(recording.noise_m, 2) + std::pow(calibration.white_floor_m, 2) +
-                            std::pow(discrepancy.remainder_m, 2) + columns));
-}
-
 std::string next_experiment(const EffectTable& effects, const Verdict& verdict, const Confusability& confusability,
                             const Calibration& calibration, bool significant) {
     if (verdict.causes.empty()) return "";

@@ -13,9 +13,6 @@ namespace teres {
 Where locate(Simulator& simulator, const Whitener& whitener, const Recording& recording, const Fit& nominal,
              const Cause* named, bool significant);
 
-/// rms 3-D distance that stated noise and model error explain together.
-double model_floor_m(const Recording& recording, const Discrepancy& discrepancy, const Calibration& calibration);
-
 /// What to measure next: separates the first two answers, or makes the suspected one visible.
 std::string next_experiment(const EffectTable& effects, const Verdict& verdict, const Confusability& confusability,
                             const Calibration& calibration, bool significant);

@@ -66,7 +66,8 @@ double tail_price(const Eigen::VectorXd& a) {
     return 0.5 * (kTailDegrees + static_cast<double>(a.size())) * std::log1p(a.squaredNorm() / kTailDegrees);
 }
 
-Screening screen(Simulator& simulator, const Whitener& whitener, const Fit& base, const Calibration& calibration,
+Screening screen(Simulator& simulator, const Whitener& whitener, const ErrorFloor& floor, const Fit& base,
+                 const Calibration& calibration,
                  const std::vector<std::size_t>& skip, const Simulator::Progress& progress) {
     const EffectTable& table = simulator.effects();
     std::vector<Candidate> candidates;
@@ -128,14 +129,14 @@ Screening screen(Simulator& simulator, const Whitener& whitener, const Fit& base
                     a(i) = std::clamp(a(i), bounds.lower, bounds.upper);
                 }
                 cost = std::max(out.cost_null - 2.0 * b.dot(a) + a.dot(S * a), 1e-3 * out.cost_null);
-                const double tempering = calibration.nu / cost;
+                const double tempering = calibration.nu / floor.above(cost);
                 occam = 0.5 * std::log((Eigen::MatrixXd::Identity(c.count, c.count) + tempering * S).determinant());
                 if (S.trace() > effect.visibility) {
                     effect.visibility = S.trace();
                     effect.signature = columns;
                 }
             }
-            const double score = -0.5 * calibration.nu * std::log(cost / out.cost_null) - tail_price(a) - occam;
+            const double score = -0.5 * calibration.nu * std::log(floor.above(cost) / floor.above(out.cost_null)) - tail_price(a) - occam;
             scores.push_back(score);
             if (score > best) {
                 best = score;

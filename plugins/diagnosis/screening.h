@@ -3,7 +3,8 @@
 //
 //     r ~ N(0, I + J J^T + G G^T)     r: residual at the prior mean, J: nuisance, G: signature of the candidate
 //     cost_c = min over a of  (r - G a)^T (I + J J^T)^-1 (r - G a),   a within the physical bounds
-//     score  = -(nu/2) ln(cost_c / cost_0) - tail(a) - 1/2 ln|I + (nu/cost_c) S|,   S = G^T (I + J J^T)^-1 G
+//     score  = -(nu/2) ln(above(cost_c) / above(cost_0)) - tail(a) - 1/2 ln|I + (nu/above(cost_c)) S|,
+//     S = G^T (I + J J^T)^-1 G,   above: error_floor.h
 //
 // scale-free and counting nu samples (calibration.h), averaged over the candidates of an effect.
 #pragma once
@@ -11,7 +12,7 @@
 #include <Eigen/Dense>
 #include <vector>
 
-#include "plugins/diagnosis/calibration.h"
+#include "plugins/diagnosis/error_floor.h"
 #include "plugins/diagnosis/joint_fit.h"
 
 namespace teres {
@@ -36,7 +37,8 @@ struct Screening {
 double tail_price(const Eigen::VectorXd& a);
 
 /// `base` is the simulator's base (last simulate()); `skip`: entries already named.
-Screening screen(Simulator& simulator, const Whitener& whitener, const Fit& base, const Calibration& calibration,
+Screening screen(Simulator& simulator, const Whitener& whitener, const ErrorFloor& floor, const Fit& base,
+                 const Calibration& calibration,
                  const std::vector<std::size_t>& skip, const Simulator::Progress& progress);
 
 }  // namespace teres

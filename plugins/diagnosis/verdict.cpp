@@ -5,7 +5,8 @@
 
 namespace teres {
 
-double refit_score(const Fit& nominal, const Cause& cause, const EffectTable& effects, const Calibration& calibration) {
+double refit_score(const Fit& nominal, const Cause& cause, const EffectTable& effects, const ErrorFloor& floor,
+                   const Calibration& calibration) {
     // Scaled coordinates and columns of the amplitudes; place and time have been paid for by the search.
     const Fit& fit = cause.fit;
     const Eigen::Index theta = nominal.u.size();
@@ -20,7 +21,7 @@ double refit_score(const Fit& nominal, const Cause& cause, const EffectTable& ef
     const Eigen::MatrixXd H = Eigen::MatrixXd::Identity(theta, theta) + J.transpose() * J;
     const Eigen::MatrixXd S = G.transpose() * G - G.transpose() * J * H.ldlt().solve(J.transpose() * G);
     const double occam =
-        0.5 * Eigen::MatrixXd(Eigen::MatrixXd::Identity(S.rows(), S.cols()) + calibration.nu / fit.cost * S)
+        0.5 * Eigen::MatrixXd(Eigen::MatrixXd::Identity(S.rows(), S.cols()) + calibration.nu / floor.above(fit.cost) * S)
                   .ldlt()
                   .vectorD()
                   .array()
@@ -28,20 +29,20 @@ double refit_score(const Fit& nominal, const Cause& cause, const EffectTable& ef
                   .log()
                   .sum();
     const double misfit = fit.cost - fit.u.tail(fit.u.size() - theta).squaredNorm();
-    return -0.5 * calibration.nu * std::log(std::max(misfit, 1e-9) / nominal.cost) - tail_price(fit.u(amplitude)) -
+    return -0.5 * calibration.nu * std::log(floor.above(misfit) / floor.above(nominal.cost)) - tail_price(fit.u(amplitude)) -
            occam - cause.search_cost - calibration.further_effect * static_cast<double>(cause.entries.size() - 1);
 }
 
-double explained_share(double cost_null, double cost, Eigen::Index num_used, const Calibration& calibration) {
-    const double excess = cost_null - calibration.floor * static_cast<double>(num_used);
+double explained_share(double cost_null, double cost, const ErrorFloor& floor) {
+    const double excess = cost_null - floor.total();
     return excess <= 0.0 ? 0.0 : std::clamp((cost_null - cost) / excess, 0.0, 1.0);
 }
 
-Verdict judge(std::vector<Cause> causes, double cost_null, Eigen::Index num_used, const Calibration& calibration) {
+Verdict judge(std::vector<Cause> causes, double cost_null, const ErrorFloor& floor, const Calibration& calibration) {
     Verdict verdict;
-    const double floor = std::min(calibration.floor * static_cast<double>(num_used), cost_null);
-    const double rest = floor + calibration.unknown_share * (cost_null - floor);
-    const double unknown = -0.5 * calibration.nu * std::log(rest / cost_null) - calibration.unknown_price;
+    const double reached = std::min(floor.total(), cost_null);
+    const double rest = reached + calibration.unknown_share * (cost_null - reached);
+    const double unknown = -0.5 * calibration.nu * std::log(floor.above(rest) / floor.above(cost_null)) - calibration.unknown_price;
     double top = std::max(calibration.none_bonus, unknown);
     for (const Cause& cause : causes) top = std::max(top, cause.score);
     double sum = std::exp(calibration.none_bonus - top) + std::exp(unknown - top);

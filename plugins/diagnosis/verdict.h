@@ -1,8 +1,10 @@
 // From fitted hypotheses to probabilities. One scale-free score per answer [nats], a softmax over all answers:
 //
 //     none:      bonus
-//     cause c:   -(nu/2) ln(cost_c / cost_0) - tail(a) - search_c - 1/2 ln|I + (nu/cost_c) S_c| - price of further effects
-//     unknown:   -(nu/2) ln(rest / cost_0) - price,   rest = floor n + share (cost_0 - floor n)
+//     cause c:   -(nu/2) ln(above_c / above_0) - tail(a) - search_c - 1/2 ln|I + (nu/above_c) S_c| - price of further effects
+//     unknown:   -(nu/2) ln(rest / above_0) - price,   rest = above the floor + share of what is beyond it
+//
+// above: cost beyond the stated noise (error_floor.h).
 #pragma once
 
 #include <string>
@@ -31,10 +33,11 @@ struct Verdict {
 };
 
 /// Score of a refitted cause against the nominal fit.
-double refit_score(const Fit& nominal, const Cause& cause, const EffectTable& effects, const Calibration& calibration);
+double refit_score(const Fit& nominal, const Cause& cause, const EffectTable& effects, const ErrorFloor& floor,
+                   const Calibration& calibration);
 /// Share of the nominal cost above the floor explained by `cost`.
-double explained_share(double cost_null, double cost, Eigen::Index num_used, const Calibration& calibration);
+double explained_share(double cost_null, double cost, const ErrorFloor& floor);
 /// Fills probabilities and sorts.
-Verdict judge(std::vector<Cause> causes, double cost_null, Eigen::Index num_used, const Calibration& calibration);
+Verdict judge(std::vector<Cause> causes, double cost_null, const ErrorFloor& floor, const Calibration& calibration);
 
 }  // namespace teres

@@ -21,6 +21,7 @@ class Whitener {
 
     Eigen::Index size() const { return static_cast<Eigen::Index>(rows_.size()); }
     const std::vector<Eigen::Index>& rows() const { return rows_; }
+    const Eigen::VectorXd& inverse_sigma() const { return inverse_sigma_; }  ///< 1/s_i [1/m]
     /// Used entries of full trajectories (columns), whitened.
     Eigen::MatrixXd operator()(const Eigen::MatrixXd& trajectories) const;
     /// The share of used entries that the discrepancy columns explain best, taken off, not whitened [m].
