@@ -18,7 +18,7 @@ FitSpace::FitSpace(const TrajectoryModel& mechanics, const EffectTable& effects,
         const NominalParameter p = mechanics.parameter(i);
         axes_.push_back({true, p.lower, p.upper});
         mean.push_back(p.prior_log_mean);
-        stdev.push_back(p.prior_log_stdev);
+        stdev.push_back(p.prior_log_stdev / std::sqrt(kLigamentPriorWeight));
     }
     for (const ActiveEffect& effect : pattern.effects) {
         first_.push_back(static_cast<Eigen::Index>(axes_.size()));

@@ -8,7 +8,7 @@ namespace teres {
 namespace {
 
 constexpr double kHuber = 3.0;        // weight falls from here on, in medians of the marker distances
-constexpr double kMaxStep = 1.0;      // of a scaled coordinate in one iteration: keeps linearised steps in reach
+constexpr double kMaxStep = 2.5;      // of a scaled coordinate in one iteration: keeps linearised steps in reach
 constexpr double kDamping = 1e-2;     // at the start
 constexpr double kGrowth = 4.0;       // of the damping after a step that was worse; doubled when it happens again
 constexpr double kMaxDamping = 1e6;
