@@ -1,15 +1,12 @@
 // Settings of the unit `simulation`: default, unit, range and help of each, in one place.
 #pragma once
 
-#include <algorithm>
 #include <string>
 
 #include "core/plugin_sdk.h"
 #include "plugins/simulation/scene_player.h"
 
 namespace teres {
-
-constexpr double kTrajectoryResidual = 1e-3;
 
 struct SimulationSettings {
     std::string case_folder;
@@ -35,6 +32,7 @@ struct SimulationSettings {
     int max_lanes = 40;
     int threads = 2;
     bool trajectories = false;
+    double trajectory_residual = 1e-3;
     double max_step_s = 0.0025;
 
     template <class V>
@@ -83,13 +81,14 @@ struct SimulationSettings {
         field("max_lanes", max_lanes, {1, 128}, "largest batch (sigma points) that workspaces are made for");
         field("trajectories", trajectories,
               "offer whole recordings under hypotheses too (teres.trajectory_model/1); memory of 0.1-0.5 GB");
+        field("trajectory_residual", trajectory_residual, {1e-12, 1e-2},
+              "trajectories: a step ends when |residual| <= this * |applied force|");
         field("max_step_s", max_step_s, {1e-5, 1.0}, "trajectories of dynamic cases: longest time step");
     }
 
     PlayerSettings player_settings() const {
         PlayerSettings p{model_settings(), max_step_s, true};
-        // an error of 1e-5 of the body's extent: far below what any recording shows
-        p.model.equilibrium.relative_residual = std::max(p.model.equilibrium.relative_residual, kTrajectoryResidual);
+        p.model.equilibrium.relative_residual = trajectory_residual;
         return p;
     }
 
