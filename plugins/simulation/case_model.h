@@ -65,6 +65,7 @@ class CaseModel final : public ForwardModel, public Topology {
     const MechanicalSystem& system() const { return *system_; }
     MechanicalSystem& system() { return *system_; }
     const EquilibriumSolver& solver() const { return *solver_; }
+    EquilibriumSolver& solver() { return *solver_; }
     TimeStepper& stepper() { return *stepper_; }
     const std::vector<SurfaceRider>& markers() const { return markers_; }
     const std::vector<Embedding>& points() const { return points_; }

@@ -156,9 +156,15 @@ ScenePlayer::StepResult ScenePlayer::step(double from_s, double to_s, const Hypo
     enter(to_s, h, effects, actions_);
     memory_.enter_step(scene_->viscosity, dynamic ? memory_length : length, scene_->body_points());
     model_->stepper().set_rayleigh_mass(scene_->rayleigh_mass_1_s);
-    for (std::size_t d = 0; d < state_.size(); ++d)
-        std::fill_n(batch_.begin() + d * stride, stride, state_[d]);
-    const StepResult result = settle(length, actions_, theta);
+    const auto settle_from = [&](const std::vector<double>& state) {
+        for (std::size_t d = 0; d < state.size(); ++d) std::fill_n(batch_.begin() + d * stride, stride, state[d]);
+        return settle(length, actions_, theta);
+    };
+    StepResult result = settle_from(state_);
+    if (!result.converged && !last_state_.empty()) {  // the guess was a bad one
+        model_->solver().invalidate();
+        result = settle_from(last_state_);
+    }
     for (std::size_t d = 0; d < state_.size(); ++d) state_[d] = batch_[d * stride];
     memory_.finish_step(scene_->viscosity, length, scene_->parts.body, state_.data());
     return result;
@@ -189,7 +195,11 @@ TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::u
         if (!wanted && !memory) continue;
         bool converged = true;
         if (!dynamic || f > 0) {
-            if (!dynamic && guess) guess(f, state_.data());
+            last_state_.clear();
+            if (!dynamic && guess) {
+                last_state_ = state_;
+                guess(f, state_.data());
+            }
             const double length = step_s(f), to = times_[f];
             const int parts =
                 dynamic ? std::max(1, static_cast<int>(std::ceil(length / settings_.max_step_s - 1e-9))) : 1;

@@ -66,6 +66,7 @@ class ScenePlayer {
     std::vector<double> times_;
     ViscousMemory memory_;
     std::vector<double> state_;  // one lane: 3N positions, then velocities, accelerations
+    std::vector<double> last_state_;  // before a guess was added; empty: none was
     std::vector<double> batch_;  // batch layout
     ExternalActions actions_;
 };
