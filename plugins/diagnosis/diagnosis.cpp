@@ -12,6 +12,8 @@ namespace teres {
 namespace {
 
 constexpr int kPolished = 2;
+constexpr double kNearlyAll = 0.97;       // explained: nothing is left for one more effect
+constexpr double kOutOfReach = 15.0;      // nats between a fitted cause and the screening of one that need not be fitted
 constexpr double kFarTheta = 1.5;         // prior standard deviations from the prior at which a refit starts at most
 constexpr double kLeastExplained = 0.02;  // of the nominal cost, by first order: less is not worth a fit
 constexpr double kLateRatio = 3.0;  // mean square of the unfitted end over that of the fitted part: something happens late
@@ -175,15 +177,21 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* kno
     std::vector<Cause> causes;
     const auto chosen = known == nullptr
                             ? worth_refitting(screening, static_cast<std::size_t>(options.num_refits) - 2, 2)
-                            : worth_refitting(screening, 2, 2);
-    for (std::size_t k = 0; k < chosen.size(); ++k) {
-        causes.push_back(refit(problem, nominal, known, screening.effects[chosen[k]], 8));
+                            : worth_refitting(screening, 2, 1);
+    const auto settled = [&](std::size_t next) {  // a cause that leaves nothing, and no rival within reach of it
+        const auto best = std::max_element(causes.begin(), causes.end(),
+                                           [](const Cause& a, const Cause& b) { return a.score < b.score; });
+        return causes.size() >= 2 && best->fit.cost < problem.floor.total() &&
+               best->score > screening.effects[chosen[next]].score + kOutOfReach;
+    };
+    for (std::size_t k = 0; k < chosen.size() && !(k > 0 && settled(k)); ++k) {
+        causes.push_back(refit(problem, nominal, known, screening.effects[chosen[k]], known == nullptr ? 8 : 6));
         score(problem, nominal, causes.back());
         stage(options, known == nullptr ? "fitting the best effects" : "fitting further effects")(
             static_cast<double>(k + 1) / static_cast<double>(chosen.size()));
     }
     for (std::size_t k = 0; known == nullptr && k < screening.effects.size(); ++k)
-        if (std::find(chosen.begin(), chosen.end(), k) == chosen.end()) {  // screened only: its linear score stands
+        if (std::none_of(causes.begin(), causes.end(), [&](const Cause& c) { return c.entries[0] == screening.effects[k].entry; })) {  // screened only: its linear score stands
             Cause cause;
             cause.entries = {screening.effects[k].entry};
             cause.score = screening.effects[k].score;
@@ -282,7 +290,7 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
         Screening further;
         const std::vector<Cause> larger = search(problem, out.nominal, &best, further);
         causes.insert(causes.end(), larger.begin(), larger.end());
-        if (larger.empty() || larger.front().score <= best.score) break;
+        if (larger.empty() || larger.front().score <= best.score || larger.front().explained > kNearlyAll) break;
         std::stable_sort(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) { return a.score > b.score; });
     }
     out.verdict = judge(std::move(causes), out.nominal.cost, problem.floor, options.calibration);

@@ -40,6 +40,8 @@ class UnknownLoad final : public Effect {
             for (const double share : {0.25, 0.5, 0.75}) add(t0 + share * duration, never, 0.0);
             for (const double share : {0.0, 0.33, 0.66})
                 add(t0 + share * duration, t0 + (share + 0.33) * duration, 0.0);
+            for (const double share : {0.0, 0.2, 0.4, 0.6})
+                for (const double periods : {1.5, 2.5, 4.0}) add(t0 + share * duration, never, periods / duration);
         }
     }
     void apply(std::span<const double> v, Scene& scene) const override {
