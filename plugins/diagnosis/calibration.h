@@ -1,5 +1,4 @@
-// Every number of the diagnosis that was fitted on simulated cases rather than derived. Regenerate with
-// `teres blindtest` (see README.md, "Calibration"): it prints the values that minimise the log loss.
+// Every number of the diagnosis that was set on simulated cases rather than derived: README.md, "What is calibrated".
 #pragma once
 
 namespace teres {
