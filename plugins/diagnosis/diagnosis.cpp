@@ -178,13 +178,14 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* kno
     const auto chosen = known == nullptr
                             ? worth_refitting(screening, static_cast<std::size_t>(options.num_refits) - 2, 2)
                             : worth_refitting(screening, 2, 1);
-    const auto settled = [&](std::size_t next) {  // a cause that leaves nothing, and no rival within reach of it
+    const auto settled = [&](std::size_t next) {  // rivals from `next` on are out of the best one's reach
         const auto best = std::max_element(causes.begin(), causes.end(),
                                            [](const Cause& a, const Cause& b) { return a.score < b.score; });
-        return causes.size() >= 2 && best->fit.cost < problem.floor.total() &&
-               best->score > screening.effects[chosen[next]].score + kOutOfReach;
+        const double lead = best->score - screening.effects[chosen[next]].score;
+        return lead > 2.0 * kOutOfReach || (lead > kOutOfReach && best->fit.cost < problem.floor.total());
     };
-    for (std::size_t k = 0; k < chosen.size() && !(k > 0 && settled(k)); ++k) {
+    for (std::size_t k = 0; k < chosen.size(); ++k) {
+        if (causes.size() >= 2 && settled(k)) continue;
         causes.push_back(refit(problem, nominal, known, screening.effects[chosen[k]], known == nullptr ? 8 : 6));
         score(problem, nominal, causes.back());
         stage(options, known == nullptr ? "fitting the best effects" : "fitting further effects")(
