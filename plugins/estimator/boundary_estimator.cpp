@@ -179,7 +179,7 @@ FrameOutcome BoundaryEstimator::step(const MarkerFrame& frame, ForwardInputs loa
     spread_ = std::min(2.0 * spread_, options_.sigma_spread);
     advanced_us_ = frame.stamp_us;
 
-    const VectorXd start = filter_->state();
+    const VectorXd start = filter_->needs_mean_step() ? VectorXd(filter_->state()) : VectorXd();
     filter_->predict(lanes_);
     const Innovation innovation = filter_->innovation(z_, Z_);
     noise_ = noise_variance();

@@ -47,7 +47,7 @@ class ReducedOrderLaneFilter final : public LaneFilter {
     }
     bool needs_mean_step() const override { return false; }
     void set_state(const VectorXd& x) override { filter_.set_state(x); }
-    VectorXd state() const override { return filter_.state(); }
+    Eigen::Ref<const VectorXd> state() const override { return filter_.state(); }
     VectorXd theta() const override { return filter_.theta(); }
     MatrixXd covariance() const override { return filter_.covariance(); }
 
@@ -83,7 +83,7 @@ class ParameterLaneFilter final : public LaneFilter {
     }
     bool needs_mean_step() const override { return true; }
     void set_state(const VectorXd& x) override { x_ = x; }
-    VectorXd state() const override { return x_; }
+    Eigen::Ref<const VectorXd> state() const override { return x_; }
     VectorXd theta() const override { return filter_.mean(); }
     MatrixXd covariance() const override { return filter_.covariance(); }
 

@@ -38,7 +38,7 @@ class LaneFilter {
     virtual bool needs_mean_step() const = 0;
     virtual void set_state(const Eigen::VectorXd& x) = 0;
 
-    virtual Eigen::VectorXd state() const = 0;
+    virtual Eigen::Ref<const Eigen::VectorXd> state() const = 0;
     virtual Eigen::VectorXd theta() const = 0;
     virtual Eigen::MatrixXd covariance() const = 0;  ///< of the parameters
 };

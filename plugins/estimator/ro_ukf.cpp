@@ -17,9 +17,10 @@ RoUkf::RoUkf(const VectorXd& x, const VectorXd& theta, const MatrixXd& P_theta, 
     TERES_CHECK(P_theta.rows() == theta.size() && P_theta.cols() == theta.size());
     mean_ << x, theta;
     A_.bottomRows(theta.size()) = lower_root(P_theta);
+    next_A_ = A_;
 }
 
-MatrixXd RoUkf::sensitivity() const {
+MatrixXd RoUkf::inverse_parameter_root() const {
     const Index p = num_parameters();
     // Rows scaled to 1, so that the rank decision does not depend on the units of the parameters.
     const MatrixXd A_theta = A_.bottomRows(p);
@@ -27,13 +28,14 @@ MatrixXd RoUkf::sensitivity() const {
     for (Index i = 0; i < p; ++i) scale(i) = scale(i) > 0.0 ? 1.0 / scale(i) : 0.0;
     const MatrixXd scaled = scale.asDiagonal() * A_theta;
     const Eigen::CompleteOrthogonalDecomposition<MatrixXd> solver(scaled);
-    return A_.topRows(num_state()) * solver.pseudoInverse() * scale.asDiagonal();
+    return solver.pseudoInverse() * scale.asDiagonal();
 }
 
 void RoUkf::replace_parameter_root(const MatrixXd& root) {
-    const MatrixXd G = sensitivity();
-    A_.topRows(num_state()).noalias() = G * root;
-    A_.bottomRows(num_parameters()) = root;
+    const MatrixXd turn = inverse_parameter_root() * root;
+    next_A_.topRows(num_state()).noalias() = A_.topRows(num_state()) * turn;
+    next_A_.bottomRows(num_parameters()) = root;
+    A_.swap(next_A_);
 }
 
 void RoUkf::add_process_noise(const MatrixXd& Q) {
@@ -52,18 +54,22 @@ void RoUkf::scale_parameters(const VectorXd& factor) {
 
 void RoUkf::shift_parameters(const VectorXd& delta) {
     TERES_CHECK(delta.size() == num_parameters());
-    mean_.head(num_state()) += sensitivity() * delta;
+    if (delta.isZero(0.0)) return;
+    const VectorXd along = inverse_parameter_root() * delta;
+    mean_.head(num_state()).noalias() += A_.topRows(num_state()) * along;
     mean_.tail(num_parameters()) += delta;
 }
 
 void RoUkf::release_parameter(Index i, double mean, double stdev) {
-    MatrixXd G = sensitivity(), P = covariance();
-    G.col(i).setZero();
+    MatrixXd P = covariance();
     P.row(i).setZero();
     P.col(i).setZero();
     P(i, i) = stdev * stdev;
-    A_.bottomRows(num_parameters()) = lower_root(P);
-    A_.topRows(num_state()).noalias() = G * A_.bottomRows(num_parameters());
+    const MatrixXd root = lower_root(P);
+    MatrixXd others = root;  // the state follows all but i
+    others.row(i).setZero();
+    replace_parameter_root(others);
+    A_.bottomRows(num_parameters()) = root;
     mean_(num_state() + i) = mean;
 }
 
@@ -78,8 +84,8 @@ const MatrixXd& RoUkf::sigma_points(double spread) {
 void RoUkf::predict(const Eigen::Ref<const MatrixXd>& X) {
     TERES_CHECK(X.rows() == mean_.size() && X.cols() == num_points());
     mean_.noalias() = X * points_.weights;
-    A_.noalias() =
-        (X.colwise() - mean_) * (points_.weights / spread_).asDiagonal() * points_.unit.transpose();
+    deviations_ = (X.colwise() - mean_) * (points_.weights / spread_).asDiagonal();
+    A_.noalias() = deviations_ * points_.unit.transpose();
 }
 
 Innovation RoUkf::innovation(const VectorXd& z, const Eigen::Ref<const MatrixXd>& Z) const {
@@ -93,7 +99,8 @@ Correction RoUkf::correct(const Innovation& innovation, const VectorXd& noise_va
                           std::span<const std::uint8_t> used) {
     Correction correction = ensemble_correction(innovation, noise_variance, used);
     mean_.noalias() += A_ * correction.weights;
-    A_ = A_ * correction.root;
+    next_A_.noalias() = A_ * correction.root;
+    A_.swap(next_A_);
     return correction;
 }
 

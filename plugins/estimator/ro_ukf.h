@@ -79,13 +79,14 @@ class RoUkf {
     void set_state(const Eigen::VectorXd& x);
 
   private:
-    Eigen::MatrixXd sensitivity() const;  // G = A_x A_theta^+
+    Eigen::MatrixXd inverse_parameter_root() const;  // A_theta^+: G = A_x A_theta^+
     void replace_parameter_root(const Eigen::MatrixXd& root);
 
     SigmaPoints points_;
     Eigen::VectorXd mean_;
     Eigen::MatrixXd A_;
     Eigen::MatrixXd X_;
+    Eigen::MatrixXd deviations_, next_A_;  // workspaces, n x r and n x p
     double spread_ = 1.0;
 };
 
