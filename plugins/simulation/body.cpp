@@ -32,14 +32,14 @@ void Body::bind(const BlockPattern& pattern) {
 }
 
 void Body::add_gradient(const PointShares& shares, int rank, const double* x, double* gradient, double* spare,
-                        double* energy, std::size_t stride, bool one_lane) const noexcept {
+                        double* energy, std::size_t stride, std::size_t lanes) const noexcept {
     const auto r = static_cast<std::size_t>(rank);
     for (std::size_t s = 0; s < points_.size(); ++s) {
         const auto& share = shares.points(s);
         add_gradient_of_points(
             points_[s],
             {share.point.data() + share.first[r], share.first[r + 1] - share.first[r], share.row.data()},
-            material_, x, gradient, spare, energy, stride, one_lane);
+            material_, x, gradient, spare, energy, stride, lanes);
     }
 }
 

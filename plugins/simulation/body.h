@@ -43,9 +43,9 @@ class Body {
 
     /// [loop] One thread's share of energy and gradient dPsi/dx of every lane, added to `energy` (one per
     /// lane), `gradient` and `spare` (point_shares.h). A lane whose F is outside the law's domain gets
-    /// infinite energy. one_lane: only lane 0 counts.
+    /// infinite energy. Lanes from `lanes` on need not count.
     void add_gradient(const PointShares& shares, int rank, const double* x, double* gradient, double* spare,
-                      double* energy, std::size_t stride, bool one_lane) const noexcept;
+                      double* energy, std::size_t stride, std::size_t lanes) const noexcept;
     /// [loop] Adds the tangent of one state (x: num_nodes columns) to `values`. False outside the law's
     /// domain.
     bool add_tangent(const Positions& x, const BlockPattern& pattern,

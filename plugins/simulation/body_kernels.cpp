@@ -294,8 +294,8 @@ void add_gradient_of_one_lane(const StrainPoints& points, const PointRows& rows,
 TERES_MULTIVERSION
 void add_gradient_of_points(const StrainPoints& points, const PointRows& rows, const Material& material,
                             const double* x, double* gradient, double* spare, double* energy,
-                            std::size_t stride, bool one_lane) noexcept {
-    if (one_lane && stride == kPackLanes && !adds_effects(points)) {
+                            std::size_t stride, std::size_t lanes) noexcept {
+    if (lanes == 1 && stride == kPackLanes && !adds_effects(points)) {
         add_gradient_of_one_lane(points, rows, material, x, gradient, spare, energy, stride);
         return;
     }
@@ -305,7 +305,7 @@ void add_gradient_of_points(const StrainPoints& points, const PointRows& rows, c
                    last = static_cast<std::size_t>(points.offset[q + 1]);
         const double scale = points.volume[q] * points.stiffness_scale[q];
         if (scale == 0.0) continue;  // cut away: F may be anything
-        for (std::size_t lane = 0; lane < stride; lane += kPackLanes) {
+        for (std::size_t lane = 0; lane < lanes; lane += kPackLanes) {
             Gradient F{};
             for (auto i = first; i < last; ++i) {
                 const double* xi = x + static_cast<std::size_t>(points.node[i]) * 3 * stride + lane;

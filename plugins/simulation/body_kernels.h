@@ -17,9 +17,9 @@ struct PointRows {
     const std::int32_t* row;
 };
 
-/// Adds energy (one per lane) and gradient of the points named; layout as in body.h. one_lane: only lane 0 counts.
+/// Adds energy (one per lane) and gradient of the points named; layout as in body.h. Lanes from `lanes` on need not count.
 void add_gradient_of_points(const StrainPoints& points, const PointRows& rows, const Material& material,
                             const double* x, double* gradient, double* spare, double* energy,
-                            std::size_t stride, bool one_lane) noexcept;
+                            std::size_t stride, std::size_t lanes) noexcept;
 
 }  // namespace teres

@@ -14,7 +14,6 @@ namespace teres {
 namespace {
 constexpr double kArmijo = 1e-4;  // sufficient decrease
 constexpr int kMaxBacktracks = 14;
-constexpr int kNarrowAfter = 10;  // iterations after which slow lanes are gathered into a narrower batch
 constexpr double kEnergyNoise = 1e-12;  // relative rounding of the potential
 
 // Adds the time of `work` to `total`.
@@ -56,6 +55,7 @@ struct EquilibriumSolver::Workspace {
     std::vector<double> gradient, trial, trial_gradient;
     std::vector<double> energy, trial_energy, slope, norm, trial_norm, step;  // per lane
     std::vector<char> active, accepted;
+    std::size_t open_lanes = 0;  // lanes from here on have converged
     bool stale = false;  // the last call needed many iterations: factorise anew at the start of the next
     // one lane alone, for plain Newton
     std::unique_ptr<Cholesky> own;  // made on first use
@@ -64,10 +64,6 @@ struct EquilibriumSolver::Workspace {
     std::vector<double> lane_theta, lane_theta_pack, lane_x, lane_target, lane_damping_target, lane_gradient,
         lane_energy, lane_trial;
     Positions positions;
-    // slow lanes gathered
-    std::vector<std::size_t> slow;
-    std::vector<char> still;
-    std::vector<double> narrow_x, narrow_target, narrow_theta;
     std::size_t max_lanes;
     double force_floor = 0.0;
 
@@ -94,11 +90,6 @@ struct EquilibriumSolver::Workspace {
             v->assign(dofs * kPackLanes, 0.0);
         lane_energy.assign(kPackLanes, 0.0);
         positions.resize(3, static_cast<Eigen::Index>(system.num_nodes()));
-        slow.assign(stride, 0);
-        still.assign(stride, 0);
-        narrow_x.assign(dofs * stride, 0.0);
-        narrow_target.assign(dofs * stride, 0.0);
-        narrow_theta.assign(parameters * stride, 0.0);
         double volume = 0.0;
         for (const double v : system.parts().body.points().front().volume) volume += v;
         force_floor = 1e-5 * system.parts().body.material().mu() * std::cbrt(volume * volume);
@@ -147,7 +138,7 @@ void EquilibriumSolver::mean_state(const Batch& batch) noexcept {
 bool EquilibriumSolver::factorise(const ExternalActions& actions, const Batch& batch,
                                   EquilibriumReport& report) noexcept {
     auto& w = *w_;
-    const auto& [theta, x, inertia, lanes, stride, may_narrow] = batch;
+    const auto& [theta, x, inertia, lanes, stride] = batch;
     return timed(times_.factorise, [&] {
         mean_state(batch);
         if (!w.metric->read(actions, inertia, 0, w.lane_theta.data(), w.positions) ||
@@ -185,10 +176,8 @@ EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const
     const std::size_t stride = padded_lanes(lanes);
     TERES_CHECK(lanes > 0 && lanes <= w.max_lanes);
     if (!settings_.plain_newton) {
-        // damping keeps one matrix per lane of the wide batch
-        const Batch batch{theta, x, inertia, lanes, stride, inertia.damping == nullptr};
+        const Batch batch{theta, x, inertia, lanes, stride};
         iterate(actions, batch, report);
-        iterate_slow_lanes(actions, batch, report);
         follow_renewal(actions, batch, report);
     } else {
         std::fill_n(w.active.begin(), lanes, 1);
@@ -205,43 +194,10 @@ EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const
     return report;
 }
 
-// The lanes that are still active go on in a narrower batch of their own.
-void EquilibriumSolver::iterate_slow_lanes(const ExternalActions& actions, const Batch& batch,
-                                           EquilibriumReport& report) noexcept {
-    auto& w = *w_;
-    const std::size_t dofs = 3 * system_.num_nodes(), stride = batch.stride;
-    std::size_t slow = 0;
-    for (std::size_t l = 0; l < batch.lanes; ++l)
-        if (w.active[l]) w.slow[slow++] = l;
-    if (slow == 0 || !batch.may_narrow ||
-        MetricSolver::lane_stride(slow) == MetricSolver::lane_stride(batch.lanes))
-        return;
-    const std::size_t narrow = padded_lanes(slow);
-    const auto gather = [&](const double* from, std::vector<double>& to, std::size_t rows) {
-        for (std::size_t d = 0; d < rows; ++d)
-            for (std::size_t l = 0; l < narrow; ++l)
-                to[d * narrow + l] = from[d * stride + w.slow[l < slow ? l : 0]];
-    };
-    gather(batch.x, w.narrow_x, dofs);
-    gather(batch.theta, w.narrow_theta, system_.parts().num_parameters);
-    Inertia inertia = batch.inertia;
-    if (inertia.target != nullptr) {
-        gather(inertia.target, w.narrow_target, dofs);
-        inertia.target = w.narrow_target.data();
-    }
-    iterate(actions, {w.narrow_theta.data(), w.narrow_x.data(), inertia, slow, narrow, false}, report);
-    std::copy_n(w.active.begin(), slow, w.still.begin());
-    std::fill(w.active.begin(), w.active.end(), 0);
-    for (std::size_t l = 0; l < slow; ++l) {
-        w.active[w.slow[l]] = w.still[l];
-        for (std::size_t d = 0; d < dofs; ++d) batch.x[d * stride + w.slow[l]] = w.narrow_x[d * narrow + l];
-    }
-}
-
 void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& batch,
                                 EquilibriumReport& report) noexcept {
     auto& w = *w_;
-    const auto& [theta, x, inertia, lanes, stride, may_narrow] = batch;
+    const auto& [theta, x, inertia, lanes, stride] = batch;
     const std::size_t dofs = 3 * system_.num_nodes(), all = dofs * stride;
     for (std::size_t d = 0; d < dofs; ++d)  // padding lanes follow lane 0 so that they stay harmless
         for (std::size_t l = lanes; l < stride; ++l) x[d * stride + l] = x[d * stride];
@@ -267,19 +223,20 @@ void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& bat
     if (running > 0 && (!w.metric->usable() || w.stale) && !factorise(actions, batch, report)) return;
 
     bool refactorised = report.factorisations > before;
+    w.open_lanes = lanes;
     int iteration = 0;
     for (; running > 0 && iteration < settings_.max_iterations; ++iteration) {
-        if (may_narrow && iteration >= kNarrowAfter &&
-            MetricSolver::lane_stride(running) < MetricSolver::lane_stride(lanes))
-            break;  // the rest goes on in a narrower batch
         if (iteration == 2 * settings_.refactorise_after && !refactorised) {
             refactorised = factorise(actions, batch, report);  // the metric is stale
             if (!refactorised) break;
         }
         timed(times_.history, [&] { w.history.begin(w.gradient.data()); });
-        timed(times_.metric, [&] { w.metric->solver().solve(w.history.direction(), lanes, system_.team()); });
-        timed(times_.correction,
-              [&] { w.metric->correction().apply(w.history.direction(), lanes, system_.team()); });
+        while (!w.active[w.open_lanes - 1]) --w.open_lanes;  // what comes after the last open lane rests
+        timed(times_.metric,
+              [&] { w.metric->solver().solve(w.history.direction(), lanes, w.open_lanes, system_.team()); });
+        timed(times_.correction, [&] {
+            w.metric->correction().apply(w.history.direction(), lanes, w.open_lanes, system_.team());
+        });
         for (std::size_t l = 0; l < stride; ++l) w.step[l] = w.active[l] ? 1.0 : 0.0;
         timed(times_.history,
               [&] { w.history.finish(w.gradient.data(), x, w.step.data(), w.trial.data(), w.slope.data()); });
@@ -301,7 +258,8 @@ void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& bat
         }
     }
     report.iterations += iteration;
-    w.stale = iteration > settings_.refactorise_after;
+    const bool renewed_in_background = w.renewal && inertia.damping == nullptr;
+    w.stale = !renewed_in_background && iteration > settings_.refactorise_after;
     for (std::size_t l = 0; l < lanes; ++l)
         if (!w.active[l]) report.relative_residual = std::max(report.relative_residual, w.norm[l] / scale);
 }
@@ -310,7 +268,7 @@ void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& bat
 // where the trial is to be taken.
 void EquilibriumSolver::line_search(const ExternalActions& actions, const Batch& batch) noexcept {
     auto& w = *w_;
-    const auto& [theta, x, inertia, lanes, stride, may_narrow] = batch;
+    const auto& [theta, x, inertia, lanes, stride] = batch;
     std::size_t open = 0;
     bool shorten = false;
     for (std::size_t l = 0; l < stride; ++l) {
@@ -325,7 +283,7 @@ void EquilibriumSolver::line_search(const ExternalActions& actions, const Batch&
         if (shorten) w.history.retry(x, w.step.data(), w.trial.data());
         timed(times_.gradient, [&] {
             system_.gradient(actions, inertia, theta, w.trial.data(), w.trial_gradient.data(),
-                             w.trial_energy.data(), stride, lanes);
+                             w.trial_energy.data(), stride, w.open_lanes);
         });
         w.history.norms(w.trial_gradient.data(), w.trial_norm.data());
         shorten = true;

@@ -77,10 +77,8 @@ class EquilibriumSolver {
         double* x;
         Inertia inertia;
         std::size_t lanes, stride;
-        bool may_narrow = true;  ///< slow lanes are left for a narrower batch
     };
     void iterate(const ExternalActions&, const Batch&, EquilibriumReport&) noexcept;
-    void iterate_slow_lanes(const ExternalActions&, const Batch&, EquilibriumReport&) noexcept;
     void mean_state(const Batch&) noexcept;
     void follow_renewal(const ExternalActions&, const Batch&, EquilibriumReport&) noexcept;
     void line_search(const ExternalActions&, const Batch&) noexcept;

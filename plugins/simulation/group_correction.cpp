@@ -130,10 +130,10 @@ void GroupCorrection::set_lanes(const double* theta, std::size_t stride, std::si
     });
 }
 
-void GroupCorrection::apply(float* y, std::size_t lanes, TaskTeam& team) noexcept {
+void GroupCorrection::apply(float* y, std::size_t lanes, std::size_t open, TaskTeam& team) noexcept {
     if (!active_) return;
     const auto modes = static_cast<std::size_t>(modes_), stride = MetricSolver::lane_stride(lanes);
-    team.split(lanes, [&](int, std::size_t first, std::size_t last) {
+    team.split(open, [&](int, std::size_t first, std::size_t last) {
         for (std::size_t l = first; l < last; ++l) {
             auto& lane = lane_[l];
             lane.c.setZero();

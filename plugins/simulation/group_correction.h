@@ -34,8 +34,8 @@ class GroupCorrection {
     void renew(MetricSolver& metric, TaskTeam& team) noexcept;
     /// [loop] Prepares the lanes of one solve; theta: parameter p of lane l at p * stride + l.
     void set_lanes(const double* theta, std::size_t stride, std::size_t lanes, TaskTeam& team) noexcept;
-    /// [loop] y (rows and lanes of the metric) holds K0^-1 r and receives K~_l^-1 r.
-    void apply(float* y, std::size_t lanes, TaskTeam& team) noexcept;
+    /// [loop] y (rows and lanes of the metric) holds K0^-1 r and receives K~_l^-1 r for the first `open` lanes.
+    void apply(float* y, std::size_t lanes, std::size_t open, TaskTeam& team) noexcept;
 
   private:
     struct Group {

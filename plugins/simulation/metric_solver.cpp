@@ -139,14 +139,15 @@ void MetricSolver::renew(const Cholesky& cholesky) noexcept {
     for (const auto& p : top_.panels) take(p);
 }
 
-void MetricSolver::solve(float* y, std::size_t lanes, TaskTeam& team) noexcept {
+void MetricSolver::solve(float* y, std::size_t lanes, std::size_t open, TaskTeam& team) noexcept {
     const std::size_t stride = lane_stride(lanes), top = top_first_ * stride, top_size = top_rows_ * stride;
+    const std::size_t width = std::min(lane_stride(open), stride);
     const std::size_t threads = shares_.size();
     TERES_CHECK(static_cast<std::size_t>(team.threads()) == threads);
     std::fill(y + top + top_size, y + storage_rows_ * stride, 0.0f);
     team.run([&](int rank) {
         solve_lower(shares_[static_cast<std::size_t>(rank)].panels, rows_.data(), values_.data(), y, stride,
-                    0, stride);
+                    0, width);
     });
     for (std::size_t t = 1; t < threads; ++t)
         for (std::size_t k = 0; k < top_size; ++k) y[top + k] += y[top + t * top_size + k];
@@ -155,17 +156,17 @@ void MetricSolver::solve(float* y, std::size_t lanes, TaskTeam& team) noexcept {
         solve_lower(top_.panels, rows_.data(), values_.data(), y, stride, first, count);
         solve_upper(top_.panels, rows_.data(), values_.data(), y, stride, first, count);
     };
-    const std::size_t packs = stride / 4;
+    const std::size_t packs = width / 4;
     if (threads > 1 && packs > 1)
         team.split(packs, [&](int, std::size_t first, std::size_t last) {
             solve_top(4 * first, 4 * (last - first));
         });
     else
-        solve_top(0, stride);
+        solve_top(0, width);
     for (std::size_t t = 1; t < threads; ++t) std::copy_n(y + top, top_size, y + top + t * top_size);
     team.run([&](int rank) {
         solve_upper(shares_[static_cast<std::size_t>(rank)].panels, rows_.data(), values_.data(), y, stride,
-                    0, stride);
+                    0, width);
     });
 }
 

@@ -68,13 +68,18 @@ void MechanicalSystem::gradient(const ExternalActions& actions, const Inertia& i
                   w.spare.begin() + static_cast<std::ptrdiff_t>(3 * w.shares.spare_begin(rank + 1) * stride),
                   0.0);
         parts_.body.add_gradient(w.shares, rank, x, gradient, w.spare.data(),
-                                 &w.energy[static_cast<std::size_t>(rank) * stride], stride, lanes == 1);
+                                 &w.energy[static_cast<std::size_t>(rank) * stride], stride, lanes);
     });
     w.shares.add_spares(w.spare.data(), gradient, stride);
     std::copy_n(w.energy.begin(), stride, energy);
     for (std::size_t t = 1; t < threads; ++t)
         for (std::size_t l = 0; l < stride; ++l) energy[l] += w.energy[t * stride + l];
-    add_tether_gradient(parts_.tethers, theta, x, gradient, energy, stride, lanes);
+    // Tethers share nodes: the threads take lanes of their own.
+    w.team.split((lanes + kPackLanes - 1) / kPackLanes, [&](int, std::size_t first, std::size_t last) {
+        const std::size_t l = first * kPackLanes, count = std::min(last * kPackLanes, lanes) - l;
+        if (first < last)
+            add_tether_gradient(parts_.tethers, theta + l, x + l, gradient + l, energy + l, stride, count);
+    });
     if (parts_.term != nullptr) parts_.term->add_gradient(x, gradient, energy, stride, lanes);
     for (std::size_t k = 0; k < parts_.tools.size(); ++k) {
         const auto& tool = parts_.tools[k];

@@ -83,7 +83,8 @@ class MechanicalSystem {
     /// [loop] Resolves region forces (3 per load patch) and tool positions (3 per tool).
     void resolve(std::span<const double> region_force_n, std::span<const double> tool_position_m,
                  ExternalActions& out) const;
-    /// [loop] Overwrites energy (per lane) and gradient (batch layout; zero on held nodes).
+    /// [loop] Overwrites energy (per lane) and gradient (batch layout; zero on held nodes) of the first `lanes` lanes;
+    /// others hold anything afterwards.
     void gradient(const ExternalActions& actions, const Inertia& inertia, const double* theta,
                   const double* x, double* gradient, double* energy, std::size_t stride,
                   std::size_t lanes) const noexcept;

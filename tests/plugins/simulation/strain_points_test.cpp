@@ -63,10 +63,10 @@ TEST_P(EveryElement, PassesThePatchTest) {
                     x[(3 * i + a) * kPackLanes + l] =
                         (F * X.col(static_cast<Eigen::Index>(i)))(static_cast<Eigen::Index>(a));
         body.add_gradient(PointShares(body.points(), X, 1), 0, x.data(), gradient.data(), nullptr, energy.data(),
-                          kPackLanes, false);
+                          kPackLanes, kPackLanes);
         std::vector<double> alone(gradient.size(), 0.0), energy_alone(energy.size(), 0.0);
         body.add_gradient(PointShares(body.points(), X, 1), 0, x.data(), alone.data(), nullptr, energy_alone.data(),
-                          kPackLanes, true);
+                          kPackLanes, 1);
         const double size = *std::max_element(gradient.begin(), gradient.end());
         for (std::size_t i = 0; i < alone.size(); ++i) ASSERT_NEAR(alone[i], gradient[i], 1e-13 * size + 1e-18);
         EXPECT_NEAR(energy_alone[0], energy[0], 1e-12 * std::abs(energy[0]));
