@@ -69,7 +69,8 @@ struct SimulationSettings {
         field("max_iterations", max_iterations, {1, 1000},
               "quasi-Newton iterations before plain Newton takes over");
         field("refactorise_after", refactorise_after, {1, 1000},
-              "a step with more iterations has the tangent factorised anew before the next one");
+              "without renewals in the background: a step with more iterations has the tangent factorised anew before "
+              "the next one");
         field("renew_after", renew_after, {0, 1000},
               "a step with more iterations has the tangent factorised anew in the background");
         field("renewal_steps", renewal_steps, {0, 1000},

@@ -33,7 +33,7 @@ std::string line_with(const std::string& text, const std::string& part) {
 class CutInARecording : public ::testing::Test {
   protected:
     void SetUp() override {
-        Case c = test::clamped_block({.cells = {6, 2, 2}, .frames = kFrames});
+        Case c = test::clamped_block({.cells = {10, 2, 2}, .frames = kFrames});
         c.ligament = LigamentData{LigamentLaw::kNeoHookean, 80e3, 0.48, 0.025, 0.02, 0.0};
         for (std::size_t i = 0; i < c.mesh.nodes.size(); ++i)
             if (c.mesh.nodes[i][2] > 0.03 - 1e-9 && c.mesh.nodes[i][0] > 0.0)
