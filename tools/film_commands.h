@@ -1,10 +1,11 @@
-// The verbs around films: what cameras saw, what was found in it, and how it looks augmented. See tools/commands.h.
+// The verbs around cameras and films: how a camera sees, what it saw, what was found in it, and how it looks augmented. See tools/commands.h.
 #pragma once
 
 #include "tools/commands.h"
 
 namespace teres::tools {
 
+void add_calibrate_camera_command(CLI::App& app, int& exit_code);
 void add_phantom_command(CLI::App& app, int& exit_code);
 void add_film_score_command(CLI::App& app, int& exit_code);
 void add_overlay_command(CLI::App& app, int& exit_code);
