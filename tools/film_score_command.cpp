@@ -2,11 +2,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <iterator>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "core/case/case_reader.h"
+#include "core/case/case_writer.h"
 #include "core/case/csv_table.h"
 #include "core/case/geometry.h"
 #include "core/log_reader.h"
@@ -17,11 +20,12 @@ namespace teres::tools {
 namespace {
 
 struct FilmScoreOptions {
-    std::filesystem::path film, log, json;
+    std::filesystem::path film, log, json, case_folder, cases_out;
     double identity_m = 0.010;
 };
 
 using FrameKey = std::int64_t;  // capture stamp [us]
+constexpr FrameKey kRounding_us = 2;  // of times in text files
 using Truth = std::map<FrameKey, std::map<std::int32_t, Point>>;
 using Visible = std::map<FrameKey, std::map<std::int32_t, bool>>;
 
@@ -60,6 +64,26 @@ struct MarkerScore {
     }
 };
 
+// The case at its own frame times as the camera saw it (found) and as it was (true): estimating both tells what the
+// camera costs.
+Status write_cases(const FilmScoreOptions& options, const std::vector<PositionSample>& found, const std::vector<PositionSample>& truth) {
+    TERES_TRY_ASSIGN(Case c, read_case(options.case_folder));
+    std::set<FrameKey> frames;
+    for (const PositionSample& row : c.observations) frames.insert(key(row.t_s));
+    const auto near_frame = [&](const PositionSample& row) {
+        const auto frame = frames.lower_bound(key(row.t_s) - kRounding_us);
+        return frame != frames.end() && *frame <= key(row.t_s) + kRounding_us;
+    };
+    for (const auto& [name, rows] : {std::pair{"found", &found}, {"true", &truth}}) {
+        c.observations.clear();
+        std::copy_if(rows->begin(), rows->end(), std::back_inserter(c.observations), near_frame);
+        if (c.observations.empty())
+            return invalid_input(options.film.string() + " holds no frame at the times of " + options.case_folder.string());
+        TERES_TRY(write_case(c, options.cases_out / name));
+    }
+    return {};
+}
+
 Result<int> film_score(const FilmScoreOptions& options) {
     Truth truth;
     TERES_TRY_ASSIGN(const auto rows, read_positions(options.film / "markers.csv", "marker_id"));
@@ -72,14 +96,16 @@ Result<int> film_score(const FilmScoreOptions& options) {
 
     TERES_TRY_ASSIGN(LogReader reader, LogReader::open(options.log));
     MarkerScore score;
+    std::vector<PositionSample> found;
     std::int64_t unknown = 0;
     LogEvent event;
     markers_t m;
     while (reader.next(event)) {
         if (event.channel != "MARKERS" || m.decode(event.data.data(), 0, static_cast<int>(event.data.size())) < 0) continue;
-        // Text files round the time.
-        auto frame = truth.lower_bound(m.header.capture_stamp_us - 2);
-        if (frame == truth.end() || frame->first > m.header.capture_stamp_us + 2 || !visible.contains(frame->first))
+        for (std::size_t i = 0; i < m.x_m.size(); ++i)
+            found.push_back({1e-6 * static_cast<double>(m.header.capture_stamp_us), m.marker_id[i], {m.x_m[i], m.y_m[i], m.z_m[i]}});
+        auto frame = truth.lower_bound(m.header.capture_stamp_us - kRounding_us);
+        if (frame == truth.end() || frame->first > m.header.capture_stamp_us + kRounding_us || !visible.contains(frame->first))
             ++unknown;
         else
             score.add(m, frame->second, visible[frame->first], options.identity_m);
@@ -114,6 +140,7 @@ Result<int> film_score(const FilmScoreOptions& options) {
         std::fprintf(file, "%s\n", out.dump(1).c_str());
         if (std::fclose(file) != 0) return host_fault("cannot write " + options.json.string());
     }
+    if (!options.cases_out.empty()) TERES_TRY(write_cases(options, found, rows));
     return kDone;
 }
 
@@ -127,6 +154,7 @@ void add_film_score_command(CLI::App& app, int& exit_code) {
         "  teres replay film/recording.lcm --case config/cases/demo --speed 0 --set service.plugins=observation \\\n"
         "      --set service.record_to=tracked.lcm\n"
         "  teres film-score film tracked.lcm\n"
+        "  teres film-score film tracked.lcm --case config/cases/demo --write-cases cases      # cases/found, cases/true\n"
         "Identity error: a reported marker that is nearer to another one's true place, or further than 10 mm from its own.",
         [options] {
             const Result<int> code = film_score(*options);
@@ -135,6 +163,8 @@ void add_film_score_command(CLI::App& app, int& exit_code) {
     verb->add_option("film", options->film, "Folder that `teres phantom` wrote")->required()->type_name("DIR");
     verb->add_option("log", options->log, "LCM log with MARKERS")->required()->type_name("LOG");
     verb->add_option("--json", options->json, "Write the figures")->type_name("FILE");
+    CLI::Option* of = verb->add_option("--case", options->case_folder, "Case that was filmed")->type_name("FOLDER");
+    verb->add_option("--write-cases", options->cases_out, "Write the case with the markers found and with the true ones")->type_name("DIR")->needs(of);
 }
 
 }  // namespace teres::tools
