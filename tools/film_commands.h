@@ -6,6 +6,7 @@
 namespace teres::tools {
 
 void add_calibrate_camera_command(CLI::App& app, int& exit_code);
+void add_register_command(CLI::App& app, int& exit_code);
 void add_phantom_command(CLI::App& app, int& exit_code);
 void add_film_score_command(CLI::App& app, int& exit_code);
 void add_overlay_command(CLI::App& app, int& exit_code);

@@ -30,6 +30,7 @@ int main(int argc, char** argv) {
         add_bench_command(app, exit_code);
         add_bridge_command(app, exit_code);
         add_calibrate_camera_command(app, exit_code);
+        add_register_command(app, exit_code);
         add_phantom_command(app, exit_code);
         add_film_score_command(app, exit_code);
         add_overlay_command(app, exit_code);
