@@ -12,6 +12,7 @@ namespace teres {
 namespace {
 
 constexpr int kPolished = 2;
+constexpr int kAttempts = 3;
 constexpr double kNearlyAll = 0.97;       // explained: nothing is left for one more effect
 constexpr double kOutOfReach = 15.0;      // nats between a fitted cause and the screening of one that need not be fitted
 constexpr double kFarTheta = 1.5;         // prior standard deviations from the prior at which a refit starts at most
@@ -126,9 +127,19 @@ Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const Effe
     cause.entries.push_back(added.entry);
     cause.search_cost += added.search_cost;
     start.effects.push_back(added.start);
-    const bool sensor = problem.simulator.effects()[added.entry].sensor;
+    // A whole trajectory with the effect on; a body that does not hold under it is met half way.
+    const EffectEntry& entry = problem.simulator.effects()[added.entry];
     Eigen::VectorXd trajectory;
-    if (!sensor && !problem.simulator.simulate(start, trajectory)) return cause;  // a whole trajectory with the effect on
+    for (int attempt = 0; !entry.sensor && !problem.simulator.simulate(start, trajectory); ++attempt) {
+        if (attempt == kAttempts) return cause;
+        for (std::size_t p = 0; p < entry.parameters.size(); ++p) {
+            double& value = start.effects.back().values[p];
+            const double null = entry.parameters[p].null_value;
+            if (entry.parameters[p].role != EffectRole::kAmplitude) continue;
+            value = entry.parameters[p].transform == EffectTransform::kLog && null > 0.0 ? std::sqrt(value * null)
+                                                                                         : 0.5 * (value + null);
+        }
+    }
     cause.fit = problem.fit(start, iterations);
     if (!cause.fit.usable) return cause;
     improve_shapes(problem.simulator, problem.whitener, problem.recording.observed, cause.fit);

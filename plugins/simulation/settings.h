@@ -90,6 +90,7 @@ struct SimulationSettings {
     PlayerSettings player_settings() const {
         PlayerSettings p{model_settings(), max_step_s, true};
         p.model.equilibrium.relative_residual = trajectory_residual;
+        p.model.equilibrium.max_newton_iterations = 10;  // a frame that needs more is given up
         return p;
     }
 
