@@ -2,6 +2,7 @@
 // periodically.
 //
 //     F(t) = F w(t) (steady) or F w(t) sin^2(pi f (t - onset));   w rises at onset, falls at end
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -41,7 +42,7 @@ class UnknownLoad final : public Effect {
             for (const double share : {0.0, 0.33, 0.66})
                 add(t0 + share * duration, t0 + (share + 0.33) * duration, 0.0);
             for (const double share : {0.0, 0.2, 0.4, 0.6})
-                for (const double periods : {1.5, 2.5, 4.0}) add(t0 + share * duration, never, periods / duration);
+                for (const double periods : {1.5, 2.5, 4.0}) add(t0 + share * duration, never, std::min(periods / duration, 3.0));
         }
     }
     void apply(std::span<const double> v, Scene& scene) const override {
