@@ -63,8 +63,9 @@ class CutInARecording : public ::testing::Test {
         for (int frames = 0; reader->next(event);) {
             if (event.channel != "MARKERS" && event.channel != "TOOL_LOADS") continue;
             ASSERT_TRUE(recorder->record(event.channel, event.data, event.stamp_us));
-            if (event.channel == "MARKERS" && ++frames == kCutAfter)
+            if (event.channel == "MARKERS" && ++frames == kCutAfter) {
                 ASSERT_TRUE(recorder->record("CUT", bytes, event.stamp_us));
+            }
         }
         recorder->flush();
     }
