@@ -37,14 +37,19 @@ void print_gap(const Json& j) {
     std::printf("%s: gap %.2f mm, floor of noise and model error %.2f mm\n", j["case"].get<std::string>().c_str(),
                 gap["rms_mm"].get<double>(), gap["noise_floor_mm"].get<double>());
     std::printf("  %-44s %11s   %s\n", "answer", "probability", "inseparable here");
-    const auto row = [](const std::string& name, double p, const std::string& other) {
-        std::printf("  %-44s %9.1f %%   %s\n", name.c_str(), 100.0 * p, other.c_str());
+    struct Row {
+        std::string name;
+        double probability;
+        std::string rivals;
     };
+    std::vector<Row> rows{{"none (nothing beyond the floor)", j["none_probability"].get<double>(), ""},
+                          {"unknown (no effect of the catalogue)", j["unknown_probability"].get<double>(), ""}};
     for (const auto& cause : j["causes"])
-        if (cause["probability"].get<double>() >= 0.005 || &cause == &j["causes"][0])
-            row(joined(cause["effects"]), cause["probability"].get<double>(), joined(cause["confusable_with"], ", "));
-    row("none (nothing beyond the floor)", j["none_probability"].get<double>(), "");
-    row("unknown (no effect of the catalogue)", j["unknown_probability"].get<double>(), "");
+        if (cause["probability"].get<double>() >= 0.005)
+            rows.push_back({joined(cause["effects"]), cause["probability"].get<double>(), joined(cause["confusable_with"], ", ")});
+    std::stable_sort(rows.begin(), rows.end(), [](const Row& a, const Row& b) { return a.probability > b.probability; });
+    for (const Row& row : rows)
+        std::printf("  %-44s %9.1f %%   %s\n", row.name.c_str(), 100.0 * row.probability, row.rivals.c_str());
     if (!s["effects"].empty()) {
         for (const auto& p : j["causes"][0]["parameters"])
             std::printf("    %-24s %12.5g +- %-10.3g %s\n", p["name"].get<std::string>().c_str(),

@@ -19,6 +19,9 @@ struct Calibration {
     /// models differ, as a share of that difference (error_floor.h).
     double model_error = 0.3;
     double discrepancy_share = 0.5;
+    /// Share of what a mechanical cause explains that remains because its real form is not quite the catalogue's: a further
+    /// effect must explain more than that.
+    double form_error = 0.1;
     /// White part of the model error that the discrepancy columns miss: an absolute part [m] and a share of the
     /// marker's own displacement.
     double white_floor_m = 1.5e-4;

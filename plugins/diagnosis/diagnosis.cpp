@@ -147,13 +147,26 @@ Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const Effe
     return cause;
 }
 
-void score(Problem& problem, const Fit& nominal, Cause& cause) {
+// Cost that `known` leaves because a mechanical cause never has quite the form of the catalogue's.
+double form_error(Problem& problem, const Fit& nominal, const Cause& known) {
+    const EffectTable& effects = problem.simulator.effects();
+    const bool mechanical =
+        std::any_of(known.entries.begin(), known.entries.end(), [&](std::size_t e) { return !effects[e].sensor; });
+    return mechanical ? problem.options.calibration.form_error * std::max(0.0, nominal.cost - known.fit.cost) : 0.0;
+}
+
+// `known`: what the cause was searched on top of, or null.
+void score(Problem& problem, const Fit& nominal, const Cause* known, Cause& cause) {
     if (!cause.fit.usable) {
         cause.score = -1e9;
         return;
     }
     cause.score = refit_score(nominal, cause, problem.simulator.effects(), problem.floor, problem.options.calibration);
     cause.explained = explained_share(nominal.cost, cause.fit.cost, problem.floor);
+    if (known == nullptr) return;
+    const double before = problem.floor.above(known->fit.cost), after = problem.floor.above(cause.fit.cost),
+                 form = form_error(problem, nominal, *known);
+    cause.score -= 0.5 * problem.options.calibration.nu * (std::log(before / after) - std::log((before + form) / (after + form)));
 }
 
 // Which screened effects deserve a refit: the best scores, and besides them those that explain most, because a local cause
@@ -198,7 +211,7 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* kno
     for (std::size_t k = 0; k < chosen.size(); ++k) {
         if (causes.size() >= 2 && settled(k)) continue;
         causes.push_back(refit(problem, nominal, known, screening.effects[chosen[k]], known == nullptr ? 8 : 6));
-        score(problem, nominal, causes.back());
+        score(problem, nominal, known, causes.back());
         stage(options, known == nullptr ? "fitting the best effects" : "fitting further effects")(
             static_cast<double>(k + 1) / static_cast<double>(chosen.size()));
     }
@@ -218,7 +231,7 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* kno
             causes[k].fit = std::move(better);
             take_noise(problem, causes[k]);
         }
-        score(problem, nominal, causes[k]);
+        score(problem, nominal, known, causes[k]);
     }
     std::stable_sort(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) { return a.score > b.score; });
     return causes;
@@ -298,7 +311,7 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     for (int count = 2; count <= options.max_effects && !causes.empty() && causes.front().fit.usable; ++count) {
         const Cause best = causes.front();
         if (best.score < options.calibration.none_bonus) break;
-        if (best.fit.cost < problem.floor.total()) break;
+        if (best.fit.cost < problem.floor.total() + form_error(problem, out.nominal, best)) break;
         Screening further;
         const std::vector<Cause> larger = search(problem, out.nominal, &best, further);
         causes.insert(causes.end(), larger.begin(), larger.end());
