@@ -48,6 +48,7 @@ void add_bench_command(CLI::App& app, int& exit_code);
 void add_bridge_command(CLI::App& app, int& exit_code);
 void add_blindtest_command(CLI::App& app, int& exit_code);
 void add_cut_command(CLI::App& app, int& exit_code);
+void add_calibrate_springs_command(CLI::App& app, int& exit_code);
 void add_doctor_command(CLI::App& app, int& exit_code);
 void add_mesh_command(CLI::App& app, int& exit_code);
 void add_effects_command(CLI::App& app, int& exit_code);

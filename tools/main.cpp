@@ -18,6 +18,7 @@ int main(int argc, char** argv) {
             "Exit codes: 0 done, 1 ran but the result is not usable, 2 wrong usage or input, 3 host or "
             "device fault.");
         add_atlas_command(app, exit_code);
+        add_calibrate_springs_command(app, exit_code);
         add_mesh_command(app, exit_code);
         add_record_command(app, exit_code);
         add_replay_command(app, exit_code);

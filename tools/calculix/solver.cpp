@@ -50,8 +50,9 @@ std::string material_card(const CalculixMaterial& m, const std::string& name, co
         case Law::kNeoHookean:  // C10 = G/2
             text += "*HYPERELASTIC, NEO HOOKE\n" + number(0.5 * m.shear_modulus_pa()) + ", " + volumetric + "\n";
             break;
-        case Law::kYeoh:  // C10 = G/2, C20, C30 = 0; large D2 and D3 leave the volume law linear
-            text += "*HYPERELASTIC, YEOH\n" + number(0.5 * m.shear_modulus_pa()) + ", " + number(m.yeoh_c20_pa) + ", 0., " +
+        case Law::kYeoh:  // C10 = G/2, C20, C30; large D2 and D3 leave the volume law linear
+            text += "*HYPERELASTIC, YEOH\n" + number(0.5 * m.shear_modulus_pa()) + ", " + number(m.yeoh_c20_pa) + ", " +
+                    number(m.yeoh_c30_pa) + ", " +
                     volumetric + ", 1., 1.\n";
             break;
         case Law::kOgden:  // mu1 = G

@@ -15,7 +15,7 @@ namespace teres::calculix {
 /// CalculiX's parametrisations (isochoric stretches l', invariant I1'; G, K from E and nu):
 ///   kLinear      *ELASTIC; with large displacements S = lambda tr(E) I + 2 mu E (Saint Venant-Kirchhoff)
 ///   kNeoHookean  W = G/2 (I1' - 3) + K/2 (J - 1)^2                                         [J/m^3]
-///   kYeoh        W = G/2 (I1' - 3) + yeoh_c20_pa (I1' - 3)^2 + K/2 (J - 1)^2
+///   kYeoh        W = G/2 (I1' - 3) + yeoh_c20_pa (I1' - 3)^2 + yeoh_c30_pa (I1' - 3)^3 + K/2 (J - 1)^2
 ///   kOgden       W = 2 G/alpha^2 (l1'^alpha + l2'^alpha + l3'^alpha - 3) + K/2 (J - 1)^2
 struct CalculixMaterial {
     enum class Law { kLinear, kNeoHookean, kYeoh, kOgden };
@@ -23,7 +23,7 @@ struct CalculixMaterial {
     double youngs_modulus_pa = 0.0;
     double poissons_ratio = 0.0;
     double alpha = 1.0;          ///< Ogden only
-    double yeoh_c20_pa = 0.0;    ///< Yeoh only
+    double yeoh_c20_pa = 0.0, yeoh_c30_pa = 0.0;  ///< Yeoh only
     double density_kg_m3 = 0.0;  ///< needed with gravity and inertia
     double creep_per_pa_s = 0.0;  ///< kLinear only, > 0: deviatoric creep rate = creep * Mises stress (*VISCO step)
     double rayleigh_mass_1_s = 0.0, rayleigh_stiffness_s = 0.0;  ///< dynamic steps only
