@@ -14,6 +14,7 @@ namespace {
 
 struct ScoreOptions {
     std::string case_folder, prediction_file, json_file, plot_file;
+    std::vector<std::string> compare;
 };
 
 void print(const Score& score, const ScoreOptions& options) {
@@ -66,15 +67,23 @@ nlohmann::ordered_json to_json(const Score& score, const ScoreOptions& options) 
     return json;
 }
 
-Status save_score_plot(const Score& score, const ScoreOptions& options) {
-    Curve mean{"mean over the points", {}, {}}, max{"largest", {}, {}};
+Curve error_curve(const std::string& label, const Score& score, double FrameError::* value) {
+    Curve curve{label, {}, {}};
     for (const FrameError& frame : score.frames) {
-        const double nan = std::numeric_limits<double>::quiet_NaN();
-        mean.x.push_back(frame.t_s);
-        mean.y.push_back(frame.mean_mm);
-        max.x.push_back(frame.t_s);
-        max.y.push_back(frame.num_points > 0 ? frame.max_mm : nan);
+        curve.x.push_back(frame.t_s);
+        curve.y.push_back(frame.num_points > 0 ? frame.*value : std::numeric_limits<double>::quiet_NaN());
     }
+    return curve;
+}
+
+Result<Score> score_file(const std::vector<PositionSample>& truth, const std::string& file) {
+    TERES_TRY_ASSIGN(const auto prediction, read_positions(file, "point_id", true));
+    auto result = score_prediction(truth, prediction);
+    if (!result) return invalid_input(file + ": " + result.error().text);
+    return *result;
+}
+
+Status save_score_plot(const Score& score, const std::vector<PositionSample>& truth, const ScoreOptions& options) {
     Plot plot;
     const auto folder = std::filesystem::weakly_canonical(options.case_folder);  // may end with a slash
     plot.title = "Error of the predicted points, case " +
@@ -82,8 +91,16 @@ Status save_score_plot(const Score& score, const ScoreOptions& options) {
     plot.x_label = "time [s]";
     char text[64];
     std::snprintf(text, sizeof text, "mean of all, %.2f mm", score.mean_mm);
-    Panel panel{.y_label = "error [mm]", .from_zero = true, .curves = {mean, max}};
-    if (score.num_positions > 0) panel.references.push_back({text, score.mean_mm});
+    Panel panel{.y_label = "error [mm]", .from_zero = true};
+    const auto name = [](const std::string& file) { return std::filesystem::path(file).stem().string() + ", mean"; };
+    panel.curves.push_back(error_curve(options.compare.empty() ? "mean over the points" : name(options.prediction_file), score,
+                                       &FrameError::mean_mm));
+    if (options.compare.empty()) panel.curves.push_back(error_curve("largest", score, &FrameError::max_mm));
+    for (const auto& file : options.compare) {
+        TERES_TRY_ASSIGN(const Score other, score_file(truth, file));
+        panel.curves.push_back(error_curve(name(file), other, &FrameError::mean_mm));
+    }
+    if (score.num_positions > 0 && options.compare.empty()) panel.references.push_back({text, score.mean_mm});
     plot.panels.push_back(panel);
     return save_plot(plot, options.plot_file);
 }
@@ -91,13 +108,12 @@ Status save_score_plot(const Score& score, const ScoreOptions& options) {
 Result<int> score(const ScoreOptions& options) {
     const std::filesystem::path truth_file = std::filesystem::path(options.case_folder) / "validation.csv";
     TERES_TRY_ASSIGN(const auto truth, read_positions(truth_file, "point_id"));
-    TERES_TRY_ASSIGN(const auto prediction, read_positions(options.prediction_file, "point_id", true));
-    const auto result = score_prediction(truth, prediction);
-    if (!result) return invalid_input(options.prediction_file + ": " + result.error().text);
+    const auto result = score_file(truth, options.prediction_file);
+    if (!result) return tl::unexpected(result.error());
     print(*result, options);
     if (!options.json_file.empty())
         TERES_TRY(write_text_file(options.json_file, to_json(*result, options).dump(1) + "\n"));
-    if (!options.plot_file.empty()) TERES_TRY(save_score_plot(*result, options));
+    if (!options.plot_file.empty()) TERES_TRY(save_score_plot(*result, truth, options));
     if (result->num_missing == 0) return kDone;
     std::string text = options.prediction_file + ": " + std::to_string(result->num_missing) + " of " +
                        std::to_string(result->num_missing + result->num_positions) +
@@ -116,6 +132,7 @@ void add_score_command(CLI::App& app, int& exit_code) {
         add_verb(app, exit_code, "score", "error of predicted positions against a case's validation.csv",
                  "  teres score cases/control predict.csv\n"
                  "  teres score cases/control predict.csv --json score.json --plot score.png\n"
+                 "  teres score cases/control estimated.csv --compare fixed.csv floor.csv --plot errors.png\n"
                  "Exit code 1: positions are missing; 2: a file is malformed.",
                  [options] {
                      const Result<int> code = score(*options);
@@ -129,6 +146,7 @@ void add_score_command(CLI::App& app, int& exit_code) {
         ->type_name("CSV");
     verb->add_option("--json", options->json_file, "Write the figures as JSON")->type_name("FILE");
     verb->add_option("--plot", options->plot_file, "Draw the error over time (PNG)")->type_name("FILE");
+    verb->add_option("--compare", options->compare, "Draw the mean error of these predictions beside it")->type_name("CSV");
 }
 
 }  // namespace teres::tools
