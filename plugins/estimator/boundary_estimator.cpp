@@ -132,14 +132,15 @@ void BoundaryEstimator::advance_mean(ForwardInputs loads, const VectorXd& start)
     if (x.allFinite()) filter_->set_state(x);
 }
 
-VectorXd BoundaryEstimator::noise_variance() const {
+VectorXd BoundaryEstimator::noise_variance(double model_share) const {
     VectorXd variance(z_.size());
     const VectorXd predicted = Z_.rowwise().mean();
     for (Index j = 0; j < sigma_.size(); ++j) {
         const double displacement = (predicted - rest_markers_).segment<3>(3 * j).norm();
         const double model_error = options_.relative_model_error * displacement;
-        variance.segment<3>(3 * j).setConstant(sigma_(j) * sigma_(j) + model_error * model_error +
-                                               options_.model_error_sigma_m * options_.model_error_sigma_m);
+        variance.segment<3>(3 * j).setConstant(
+            sigma_(j) * sigma_(j) +
+            model_share * (model_error * model_error + options_.model_error_sigma_m * options_.model_error_sigma_m));
         if (!(variance(3 * j) > 0.0)) variance.segment<3>(3 * j).setConstant(1e-18);
     }
     return variance;
@@ -182,14 +183,18 @@ FrameOutcome BoundaryEstimator::step(const MarkerFrame& frame, ForwardInputs loa
     const VectorXd start = filter_->needs_mean_step() ? VectorXd(filter_->state()) : VectorXd();
     filter_->predict(lanes_);
     const Innovation innovation = filter_->innovation(z_, Z_);
-    noise_ = noise_variance();
+    noise_ = noise_variance(1.0);
     gate_ = gate_markers(innovation, noise_, present_, options_.gate);
     counters_.markers_gated += gate_.num_gated;
     for (std::size_t i = 0; i < used_.size(); ++i) used_[i] = gate_.use[i / 3] == MarkerUse::kUsed;
     residual_ = innovation.residual;
 
+    nis_ = ensemble_correction(innovation, noise_, used_).nis;
+    const double r = options_.model_error_correlation_s > 0.0 && dt_s > 0.0
+                         ? std::exp(-dt_s / options_.model_error_correlation_s)
+                         : 0.0;
+    noise_ = noise_variance((1.0 + r) / (1.0 - r));
     const Correction correction = filter_->correct(innovation, noise_, used_);
-    nis_ = correction.nis;
     degrees_of_freedom_ = static_cast<std::int32_t>(correction.num_used);
     filter_->shift_parameters(map_.bring_mean_inside(filter_->theta()));
     if (filter_->needs_mean_step()) advance_mean(loads, start);

@@ -8,7 +8,9 @@
 //
 // Noise of a marker per axis: sigma^2 + (relative_model_error |displacement|)^2 + model_error_sigma_m^2. The
 // last two are the model's error: it is larger than the sensor's and does not average out, so a filter that
-// leaves it out becomes too sure.
+// leaves it out becomes too sure. It is not white either: with correlation time T, frames dt apart are worth
+//     (1 - r)/(1 + r), r = exp(-dt/T)     independent ones (mean of an AR(1) series),
+// so its variance counts (1 + r)/(1 - r) times in the correction, but once in gate and NIS.
 #pragma once
 
 #include <Eigen/Dense>
@@ -39,6 +41,7 @@ struct BoundaryEstimatorOptions {
     double default_marker_sigma_m = 0.0005;
     double relative_model_error = 0.05;
     double model_error_sigma_m = 0.0003;
+    double model_error_correlation_s = 0.0;
     double accepted_residual = 1e-2;
 };
 
@@ -115,7 +118,8 @@ class BoundaryEstimator {
     bool advance_lanes(ForwardInputs loads);
     void record(const ForwardInputs& loads, const ParameterWalk::Change& change);
     void advance_mean(ForwardInputs loads, const Eigen::VectorXd& start);
-    Eigen::VectorXd noise_variance() const;
+    /// model_share: how many times the variance of the model's error counts.
+    Eigen::VectorXd noise_variance(double model_share) const;
     bool is_quasi_static() const { return model_->num_state() == 3 * model_->num_nodes(); }
 
     ForwardModel* model_;

@@ -16,6 +16,7 @@ Result<BoundaryEstimatorOptions> EstimatorSettings::options() const {
     o.default_marker_sigma_m = default_marker_sigma_m;
     o.relative_model_error = relative_model_error;
     o.model_error_sigma_m = model_error_sigma_m;
+    o.model_error_correlation_s = model_error_correlation_s;
     o.accepted_residual = accepted_residual;
     return o;
 }

@@ -23,6 +23,7 @@ struct EstimatorSettings {
     double default_marker_sigma_m = 0.0005;
     double relative_model_error = 0.05;
     double model_error_sigma_m = 0.0003;
+    double model_error_correlation_s = 0.0;
     double accepted_residual = 1e-2;
     double stale_after_s = 0.5;
     int max_queue = 2;
@@ -58,6 +59,8 @@ struct EstimatorSettings {
         field("relative_model_error", relative_model_error, {0.0, 1.0},
               "model error of a marker, as a share of its displacement");
         field("model_error_sigma_m", model_error_sigma_m, {0.0, 0.1}, "model error of a marker at rest [m]");
+        field("model_error_correlation_s", model_error_correlation_s, {0.0, 1e4},
+              "correlation time of the model error: frames closer than this count as one; 0: white");
         field("accepted_residual", accepted_residual, {1e-12, 1.0},
               "a simulation that ends with a larger relative residual corrects nothing");
         field("stale_after_s", stale_after_s, {0.01, 3600.0},
