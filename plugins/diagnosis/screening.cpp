@@ -10,6 +10,7 @@ namespace teres {
 namespace {
 
 constexpr double kTailDegrees = 4.0;
+constexpr Eigen::Index kCountedAmplitudes = 6;
 constexpr std::int32_t kFewCandidates = 3;  // of a mechanical effect where each costs a whole simulation
 constexpr double kLeastShare = 0.05;  // of a candidate's amplitude: start of parameters that cannot be zero
 
@@ -64,6 +65,11 @@ double share_value(const EffectParameter& p, double candidate, double share) {
 
 double tail_price(const Eigen::VectorXd& a) {
     return 0.5 * (kTailDegrees + static_cast<double>(a.size())) * std::log1p(a.squaredNorm() / kTailDegrees);
+}
+
+double occam_price(const Eigen::MatrixXd& S, std::size_t num_effects) {
+    const Eigen::VectorXd values = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(S, Eigen::EigenvaluesOnly).eigenvalues();
+    return 0.5 * values.tail(std::min(kCountedAmplitudes * static_cast<Eigen::Index>(num_effects), values.size())).cwiseMax(0.0).array().log1p().sum();
 }
 
 Screening screen(Simulator& simulator, const Whitener& whitener, const ErrorFloor& floor, const Fit& base,
@@ -130,7 +136,7 @@ Screening screen(Simulator& simulator, const Whitener& whitener, const ErrorFloo
                 }
                 cost = std::max(out.cost_null - 2.0 * b.dot(a) + a.dot(S * a), 1e-3 * out.cost_null);
                 const double tempering = calibration.nu / floor.above(cost);
-                occam = 0.5 * std::log((Eigen::MatrixXd::Identity(c.count, c.count) + tempering * S).determinant());
+                occam = occam_price(tempering * S);
                 if (S.trace() > effect.visibility) {
                     effect.visibility = S.trace();
                     effect.signature = columns;

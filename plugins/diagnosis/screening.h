@@ -36,6 +36,10 @@ struct Screening {
 /// Student-t price of amplitudes `a` in prior standard deviations [nats]: far amplitudes are unlikely, not impossible.
 double tail_price(const Eigen::VectorXd& a);
 
+/// 1/2 ln|I + S|, S: tempered chi^2 of amplitudes at one prior standard deviation [nats]. Amplitudes of one effect are not
+/// independent a priori (an organ breathes in one direction with one wave form): the six largest directions of each count.
+double occam_price(const Eigen::MatrixXd& S, std::size_t num_effects = 1);
+
 /// `base` is the simulator's base (last simulate()); `skip`: entries already named.
 Screening screen(Simulator& simulator, const Whitener& whitener, const ErrorFloor& floor, const Fit& base,
                  const Calibration& calibration,

@@ -20,14 +20,7 @@ double refit_score(const Fit& nominal, const Cause& cause, const EffectTable& ef
     const Eigen::MatrixXd J = fit.J.leftCols(theta), G = fit.J(Eigen::all, amplitude);
     const Eigen::MatrixXd H = Eigen::MatrixXd::Identity(theta, theta) + J.transpose() * J;
     const Eigen::MatrixXd S = G.transpose() * G - G.transpose() * J * H.ldlt().solve(J.transpose() * G);
-    const double occam =
-        0.5 * Eigen::MatrixXd(Eigen::MatrixXd::Identity(S.rows(), S.cols()) + calibration.nu / floor.above(fit.cost) * S)
-                  .ldlt()
-                  .vectorD()
-                  .array()
-                  .max(1.0)
-                  .log()
-                  .sum();
+    const double occam = occam_price(calibration.nu / floor.above(fit.cost) * S, cause.entries.size());
     const double misfit = fit.cost - fit.u.tail(fit.u.size() - theta).squaredNorm();
     return -0.5 * calibration.nu * std::log(floor.above(misfit) / floor.above(nominal.cost)) - tail_price(fit.u(amplitude)) -
            occam - cause.search_cost - calibration.further_effect * static_cast<double>(cause.entries.size() - 1);
