@@ -251,8 +251,9 @@ TEST_F(ReplayCommand, HashIsThatOfWhatThePluginsMustPublish) {
     ASSERT_EQ(first.exit_code, 0) << first.error;
     EXPECT_EQ(line_with(first.output, "run hash"), "run hash: " + expected_hash());
     EXPECT_EQ(line_with(second.output, "run hash"), line_with(first.output, "run hash"));
-    const auto real_time = replay(case_folder(), {"--speed", "5"});
-    EXPECT_EQ(line_with(real_time.output, "run hash"), line_with(first.output, "run hash"));
+    const auto real_time = replay(case_folder(), {"--speed", "5"});  // a busy machine may skip frames: no bits promised
+    EXPECT_EQ(real_time.exit_code, 0) << real_time.error;
+    EXPECT_THAT(real_time.output, HasSubstr("0.100 s of recording"));
     const auto other = replay(case_folder(), {"--set", "echo.rounds=1"});
     EXPECT_EQ(line_with(other.output, "run hash"), line_with(first.output, "run hash"));
     EXPECT_THAT(first.output, HasSubstr("0.100 s of recording"));
