@@ -194,7 +194,7 @@ std::vector<std::size_t> worth_refitting(const Screening& screening, std::size_t
 std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* known, Screening& screening) {
     const DiagnosisOptions& options = problem.options;
     Fit base = known != nullptr ? known->fit : nominal;
-    problem.complete(base);
+    if (known != nullptr) problem.complete(base);  // the nominal fit is complete, and the simulator's base
     screening = screen(problem.simulator, problem.whitener, problem.floor, base, options.calibration,
                        known != nullptr ? known->entries : std::vector<std::size_t>{},
                        stage(options, known == nullptr ? "screening effects" : "screening further effects"));

@@ -3,10 +3,10 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "core/check.h"
 #include "plugins/simulation/cholesky.h"
+#include "plugins/simulation/frame_choice.h"
 
 namespace teres {
 
@@ -22,66 +22,6 @@ constexpr Eigen::Index kModes = 24;       // of a dynamic case
 constexpr std::size_t kCompliances = 8;   // frames at which the tangent is factorised
 constexpr std::size_t kSolvedShare = 3;   // approximate(): one in so many frames is solved
 constexpr std::size_t kFewFrames = 24;    // ... of more than these
-
-// Frames far apart in the space of shapes, each as far as possible from those before it (Gonzalez' farthest points); and
-// for every frame the number of the nearest of them.
-std::vector<std::size_t> distinct_frames(const std::vector<VectorXd>& x, std::vector<std::size_t>& nearest) {
-    std::vector<std::size_t> chosen;
-    std::vector<double> distance(x.size(), std::numeric_limits<double>::infinity());
-    nearest.assign(x.size(), 0);
-    for (std::size_t next = 0; chosen.size() < std::min(kCompliances, x.size());) {
-        for (std::size_t f = 0; f < x.size(); ++f)
-            if (const double d = (x[f] - x[next]).squaredNorm(); d < distance[f]) {
-                distance[f] = d;
-                nearest[f] = chosen.size();
-            }
-        chosen.push_back(next);
-        next = static_cast<std::size_t>(std::max_element(distance.begin(), distance.end()) - distance.begin());
-    }
-    return chosen;
-}
-
-// The fewest frames (at most `most`) between which the columns of z may be interpolated in time: the ends, and again and
-// again the frame where that is worst.
-std::vector<std::int32_t> frames_to_solve(const MatrixXd& z, std::size_t most) {
-    std::vector<char> solved(static_cast<std::size_t>(z.cols()), 0);
-    solved.front() = solved.back() = 1;
-    for (std::size_t count = 2; count < most; ++count) {
-        double worst = -1.0;
-        Eigen::Index worst_frame = 0;
-        for (Eigen::Index from = 0, to = 1; to < z.cols(); ++to) {
-            if (!solved[static_cast<std::size_t>(to)]) continue;
-            for (Eigen::Index f = from + 1; f < to; ++f) {
-                const double share = static_cast<double>(f - from) / static_cast<double>(to - from);
-                const double error = (z.col(f) - (1.0 - share) * z.col(from) - share * z.col(to)).norm() +
-                                     1e-9 * static_cast<double>(std::min(f - from, to - f));  // ties: in the middle
-                if (error > worst) {
-                    worst = error;
-                    worst_frame = f;
-                }
-            }
-            from = to;
-        }
-        if (worst < 0.0) break;
-        solved[static_cast<std::size_t>(worst_frame)] = 1;
-    }
-    std::vector<std::int32_t> frames;
-    for (std::size_t f = 0; f < solved.size(); ++f)
-        if (solved[f]) frames.push_back(static_cast<std::int32_t>(f));
-    return frames;
-}
-
-// Columns at `frames` to all columns, linearly between them.
-MatrixXd interpolate(const MatrixXd& at_frames, const std::vector<std::int32_t>& frames, Eigen::Index count) {
-    MatrixXd out(at_frames.rows(), count);
-    for (std::size_t k = 0; k + 1 < frames.size(); ++k)
-        for (auto f = frames[k]; f <= frames[k + 1]; ++f) {
-            const double share = static_cast<double>(f - frames[k]) / (frames[k + 1] - frames[k]);
-            out.col(f) = (1.0 - share) * at_frames.col(static_cast<Eigen::Index>(k)) +
-                         share * at_frames.col(static_cast<Eigen::Index>(k + 1));
-        }
-    return out;
-}
 
 // dz/dx_i of a rider z = sum w_i x_i + o n, n = c/|c|, c = (x_1 - x_0) x (x_2 - x_0):  dn = (I - n n^T)/|c|
 // dc
@@ -231,20 +171,7 @@ TrajectoryReport Trajectory::approximate(const Hypothesis& h, std::span<double> 
         [&](std::size_t f, double* x) {
             if (f > 0) Eigen::Map<VectorXd>(x, node_change.rows()) += previous[f] - previous[last_solved(f)];
         });
-    // r = a dz + rest, a the slowly varying share by which first order falls short.
-    MatrixXd products(2, rest.cols());
-    for (Eigen::Index i = 0; i < rest.cols(); ++i) {
-        const auto dz = change.col(solved[static_cast<std::size_t>(i)]);
-        products.col(i) << rest.col(i).dot(dz), dz.squaredNorm();
-    }
-    const MatrixXd along = interpolate(products, solved, frames);
-    const Eigen::RowVectorXd share =
-        along.row(0).array() / (along.row(1).array() + 1e-6 * along.row(1).maxCoeff() + 1e-300);
-    for (Eigen::Index i = 0; i < rest.cols(); ++i) {
-        const auto f = solved[static_cast<std::size_t>(i)];
-        rest.col(i) -= share(f) * change.col(f);
-    }
-    change = change * (1.0 + share.array()).matrix().asDiagonal() + interpolate(rest, solved, frames);
+    change = with_rest(change, rest, solved);
     const MatrixXd nodes = interpolate(node_change, solved, frames);
     for (Eigen::Index f = 0; f < frames; ++f) {
         const VectorXd& x = whole_.x[static_cast<std::size_t>(f)];
@@ -355,7 +282,7 @@ void Trajectory::prepare_frames(bool points) const {
     };
     const std::size_t num_frames = base_.x.size();
     std::vector<std::size_t> at{0};
-    if (!scene.dynamic) at = distinct_frames(base_.x, base_.nearest);
+    if (!scene.dynamic) at = distinct_frames(base_.x, kCompliances, base_.nearest);
     base_.compliance.resize(at.size());
     const bool first = base_.frame.empty();
     base_.frame.resize(num_frames);
