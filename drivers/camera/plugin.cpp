@@ -29,7 +29,7 @@ struct CameraSettings {
     template <class V>
     void visit(V& field) {
 #define TERES_STREAM(name, what)                                                                                    \
-    field(#name "_device", name.device, "", what ": serial number, or vendor:product as 8086:0b07; empty: none");   \
+    field(#name "_device", name.device, "", what ": serial number, vendor:product as 8086:0b07, or name of a card; empty: none"); \
     field(#name "_format", name.format, "", what ": V4L2 format, e.g. YUYV, UYVY, RGB3, BGR3, GREY, MJPG, Z16");    \
     field(#name "_width_px", name.width_px, {16, 8192}, what ": width");                                            \
     field(#name "_height_px", name.height_px, {16, 8192}, what ": height");                                         \

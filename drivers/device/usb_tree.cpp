@@ -54,6 +54,8 @@ std::vector<VideoNode> video_nodes(const DeviceRoots& roots) {
             char path[32];
             std::snprintf(path, sizeof path, "bus/usb/%03d/%03d", number(usb, "busnum"), number(usb, "devnum"));
             node.usb_node = roots.dev / path;
+        } else {
+            node.id = attribute(folder, "name");
         }
         nodes.push_back(std::move(node));
     }

@@ -1,5 +1,5 @@
-// USB devices and their video nodes as sysfs shows them: a camera is chosen by serial number or by vendor:product,
-// never by /dev/videoN, which changes with the order of plugging.
+// Video nodes as sysfs shows them: a camera is chosen by serial number or by vendor:product, a card inside the machine by
+// its name, never by /dev/videoN, which changes with the order of plugging.
 #pragma once
 
 #include <filesystem>
@@ -17,7 +17,7 @@ struct DeviceRoots {
 struct VideoNode {
     std::filesystem::path node;  ///< /dev/videoN
     std::string serial;          ///< of the USB device; empty if it has none
-    std::string id;              ///< "8086:0b07"; empty: not a USB device
+    std::string id;              ///< "8086:0b07"; not on USB: the name its driver gives the node
     std::string product;
     int usb_mbps = 0;            ///< 480: USB 2; 0: unknown
     std::filesystem::path usb_node;  ///< /dev/bus/usb/BBB/DDD for a reset; empty: unknown

@@ -69,6 +69,18 @@ TEST_F(CameraStreamTest, IsChosenByVendorAndProductOrByThePrintedSerial) {
     EXPECT_GT(run(by_print, 0.5), 10);
 }
 
+TEST_F(CameraStreamTest, CardThatIsNotOnUsbIsChosenByItsName) {
+    camera_.unplug();
+    camera_.gone = false;
+    const auto card = camera_.scratch() / "sys/devices/pci0/video4linux/video1", nodes = camera_.scratch() / "sys/class/video4linux";
+    std::filesystem::create_directories(card);
+    std::ofstream(card / "name") << "Grabber 4K, input 2\n";
+    std::filesystem::create_directories(nodes);
+    std::filesystem::create_directory_symlink(card, nodes / "video1");
+    CameraStream stream = make("Grabber 4K, input 2");
+    EXPECT_GT(run(stream, 1.0), 20);
+}
+
 TEST_F(CameraStreamTest, AbsentCameraIsNamedWithWhatIsThere) {
     CameraStream stream = make("999");
     EXPECT_EQ(run(stream, 1.0), 0);
