@@ -9,6 +9,7 @@
 #include "core/clock.h"
 #include "core/service.h"
 #include "tools/commands.h"
+#include "tools/message_fields.h"
 #include "tools/spy_table.h"
 
 namespace teres::tools {
@@ -20,6 +21,7 @@ struct SpyOptions {
     double seconds = 0.0;  // 0: until stopped
     bool once = false;
     bool json = false;
+    bool lines = false;
 };
 
 std::size_t terminal_columns() {
@@ -41,6 +43,12 @@ void print(const SpyTable& table, const SpyOptions& options, bool in_place) {
     std::fflush(stdout);
 }
 
+void print_line(std::string_view channel, std::span<const std::uint8_t> data) {
+    std::printf("%.3f %s %s\n", 1e-6 * static_cast<double>(monotonic_us()), printable(channel).c_str(),
+                one_line(message_fields(data).values).c_str());
+    std::fflush(stdout);
+}
+
 int spy(const SpyOptions& options) {
     if (options.url.starts_with("memq://"))
         return report({ErrorKind::kInvalidInput,
@@ -54,6 +62,7 @@ int spy(const SpyOptions& options) {
         options.channels, kMaxMessageBytes,
         [&](std::string_view channel, std::span<const std::uint8_t> data, std::int64_t) {
             table.add(channel, data, monotonic_us());
+            if (options.lines) print_line(channel, data);
         },
         kDeepQueue);
     if (!subscribed) return report(subscribed.error());
@@ -70,11 +79,11 @@ int spy(const SpyOptions& options) {
     bool ended = false;
     while (!signals.stop() && !over() && !ended) {
         ended = bus->dispatch(50) < 0;
-        if (options.once || monotonic_us() < next_us) continue;
+        if (options.once || options.lines || monotonic_us() < next_us) continue;
         print(table, options, in_place);
         next_us += period_us;
     }
-    if (options.once || ended) print(table, options, false);
+    if (options.once || (ended && !options.lines)) print(table, options, false);
     if (table.messages() == 0)
         return report({ErrorKind::kNotUsable,
                        "spy: no message on " + options.url + " (channels '" + options.channels + "')"});
@@ -90,6 +99,7 @@ void add_spy_command(CLI::App& app, int& exit_code) {
         "  teres spy\n"
         "  teres spy --once --json | jq '.channels[] | {channel, rate_hz, lost}'\n"
         "  teres spy --url 'udpm://239.255.76.67:7667?ttl=0&recv_buf_size=16777216' --seconds 10\n"
+        "  teres spy --lines --channels 'DEVICE_HEALTH|PEDAL'\n"
         "  teres spy --url 'file:///tmp/session.lcm?speed=0'\n"
         "Exit code 1: no message came.",
         [options] { return spy(*options); });
@@ -102,6 +112,8 @@ void add_spy_command(CLI::App& app, int& exit_code) {
         ->check(CLI::Range(0.0, 1e7));
     verb->add_flag("--once", options->once, "Watch one second (or --seconds), print one table");
     verb->add_flag("--json", options->json, "One JSON object per second instead of a table");
+    verb->add_flag("--lines", options->lines, "One line per message: monotonic clock [s], channel, fields")
+        ->excludes("--once", "--json");
 }
 
 }  // namespace teres::tools

@@ -101,6 +101,8 @@ TEST_F(BusCommands, SpyShowsRatesGapsAndFields) {
     EXPECT_LT(spied["rate_hz"].get<double>(), 200.0);
     EXPECT_GT(spied["lost"].get<int>(), 0);
     EXPECT_EQ(spied["fields"]["marker_id"][0], 3);
+    const auto lines = run_teres({"spy", "--url", test::kLoopbackUrl, "--seconds", "0.5", "--lines", "--channels", "MARKERS"});
+    EXPECT_THAT(lines.output, ::testing::ContainsRegex("^[0-9.]+ MARKERS .*num_markers=.*\n[0-9.]+ MARKERS "));
     const auto table =
         run_teres({"spy", "--url", test::kLoopbackUrl, "--seconds", "1.2", "--channels", "CAMERA_.*"});
     EXPECT_EQ(table.exit_code, 0);
