@@ -179,6 +179,11 @@ Status Config::set(std::string_view assignment, const std::string& place) {
     return {};
 }
 
+bool Config::given(const std::string& section, const std::string& key) const {
+    const auto found = sections_.find(section);
+    return found != sections_.end() && found->second.contains(key);
+}
+
 std::map<std::string, std::string> Config::sections() const {
     std::map<std::string, std::string> units = section_places_;
     units.erase("service");

@@ -80,6 +80,8 @@ class Config {
     /// (service.drivers, service.plugins) are comma-separated. `place` stands in the error texts.
     Status set(std::string_view assignment, const std::string& place = "--set");
 
+    /// [setup] Whether the file or an override says so, right or wrong.
+    bool given(const std::string& section, const std::string& key) const;
     const ServiceSettings& service() const { return service_; }
     /// [setup] Sections besides [service], each with the place where it first appears.
     std::map<std::string, std::string> sections() const;

@@ -1,5 +1,6 @@
 #include "tools/commands.h"
 
+#include <algorithm>
 #include <cstdio>
 
 #include "core/log.h"
@@ -7,6 +8,18 @@
 namespace teres::tools {
 
 namespace fs = std::filesystem;
+
+namespace {
+
+// A log of a whole session holds MARKERS; made anew from its frames by observation, they must not come twice.
+Status skip_recorded_markers(Config& config) {
+    const auto uses = [](const std::vector<std::string>& units, const char* id) { return std::ranges::find(units, id) != units.end(); };
+    if (!uses(config.service().plugins, "observation") || !uses(config.service().drivers, "replay")) return {};
+    if (config.given("replay", "skip_channels")) return {};
+    return config.set("replay.skip_channels=BOUNDARY_ESTIMATE|LIVER_STATE|INNOVATION|GAP|HEALTH|TRACKING|REGISTRATION|SURFACE_POINTS|MARKERS");
+}
+
+}  // namespace
 
 int report(const Error& error) {
     std::fprintf(stderr, "teres: %s\n", error.text.c_str());
@@ -51,6 +64,7 @@ Result<Config> read_settings(const SettingsOptions& options) {
         return invalid_input("no settings file: --config not given and none of " + searched + " exists");
     TERES_TRY_ASSIGN(Config config, Config::read(file));
     for (const std::string& assignment : options.overrides) TERES_TRY(config.set(assignment));
+    TERES_TRY(skip_recorded_markers(config));
     if (options.config_file.empty()) log(Level::kInfo, "config", "settings from " + file.string());
     return config;
 }

@@ -18,6 +18,8 @@
 #include "teres/liver_state_t.hpp"
 #include "teres/markers_t.hpp"
 #include "teres/pedal_t.hpp"
+#include "teres/registration_t.hpp"
+#include "teres/surface_points_t.hpp"
 #include "teres/tool_loads_t.hpp"
 #include "teres/tracking_t.hpp"
 
@@ -68,6 +70,31 @@ void put(json& to, const cut_t& m) {
     to["num_tets"] = m.num_tets;
     to["tet"] = head(m.tet);
     to["released"] = head(m.released);
+}
+
+void put(json& to, const registration_t& m) {
+    put(to, m.header);
+    to["camera"] = m.camera;
+    to["good"] = m.good != 0;
+    if (!m.reason.empty()) to["reason"] = m.reason;
+    to["translation_m"] = {m.translation_m[0], m.translation_m[1], m.translation_m[2]};
+    for (std::size_t i = 0; i < 3; ++i) {
+        to["turn_stdev_rad"].push_back(std::sqrt(m.covariance[7 * i]));
+        to["shift_stdev_m"].push_back(std::sqrt(m.covariance[7 * (i + 3)]));
+    }
+    to["rms_m"] = m.rms_m;
+    to["points"] = m.points;
+    to["markers"] = m.markers;
+}
+
+void put(json& to, const surface_points_t& m) {
+    put(to, m.header);
+    to["num_points"] = m.num_points;
+    to["features"] = std::count_if(m.feature_id.begin(), m.feature_id.end(), [](int id) { return id >= 0; });
+    to["x_m"] = head(m.x_m);
+    to["y_m"] = head(m.y_m);
+    to["z_m"] = head(m.z_m);
+    to["sigma_m"] = head(m.sigma_m);
 }
 
 void put(json& to, const tracking_t& m) {
@@ -229,7 +256,8 @@ MessageFields message_fields(std::span<const std::uint8_t> data) {
                                                        known<markers_t>(),           known<tool_loads_t>(),
                                                        known<image_t>(),             known<camera_info_t>(),
                                                        known<device_health_t>(),     known<pedal_t>(),
-                                                       known<tracking_t>(),          known<cut_t>()};
+                                                       known<tracking_t>(),          known<cut_t>(),
+                                                       known<registration_t>(),      known<surface_points_t>()};
     MessageFields fields;
     if (data.size() < 8) return fields;
     std::uint64_t hash = 0;

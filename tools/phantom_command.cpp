@@ -35,7 +35,7 @@ constexpr double kInfoPeriod_s = 1.0;
 
 struct PhantomOptions {
     fs::path case_folder, out;
-    double seconds = 8.0, rate_hz = 30.0, occlusion = 0.0;
+    double seconds = 8.0, rate_hz = 30.0, occlusion = 0.0, texture = 1.0;
     std::string markers = "dark";
     bool stereo = false, raw = false;
     std::uint64_t seed = 1;
@@ -159,7 +159,7 @@ Result<int> film(const PhantomOptions& options) {
     const Rig rig(c, scene.camera(), sensor_options);
     const Pose depth_pose = rig.color.to_reference * rig.depth.to_reference;
     DepthSensor sensor(sensor_options, rig.depth.camera.fx_px, options.seed + 1);
-    Renderer renderer(scene, {.bright_markers = options.markers == "bright", .no_markers = options.markers == "none"}, options.seed);
+    Renderer renderer(scene, {.bright_markers = options.markers == "bright", .no_markers = options.markers == "none", .texture = options.texture}, options.seed);
 
     std::error_code failure;
     fs::create_directories(options.out, failure);
@@ -242,6 +242,7 @@ void add_phantom_command(CLI::App& app, int& exit_code) {
     verb->add_option("--markers", options->markers, "Paint of the markers")
         ->capture_default_str()
         ->check(CLI::IsMember({"dark", "bright", "none"}));
+    verb->add_option("--texture", options->texture, "Contrast of the liver's own texture")->capture_default_str()->check(CLI::Range(0.0, 3.0));
     verb->add_flag("--stereo", options->stereo, "A stereo pair instead of depth");
     verb->add_flag("--raw", options->raw, "Uncompressed frames (RGB3, GREY, Z16)");
     verb->add_option("--seed", options->seed, "Of the noise")->capture_default_str();

@@ -12,8 +12,9 @@ namespace {
 
 constexpr std::size_t kGridAbove = 20000;  // triangles; below, a whole search takes less than a millisecond
 
-// Closest point on triangle abc: barycentric coordinates by Voronoi regions of vertices, edges and face
-// (C. Ericson, Real-Time Collision Detection, 2005, section 5.1.5).
+}  // namespace
+
+// By Voronoi regions of vertices, edges and face (C. Ericson, Real-Time Collision Detection, 2005, section 5.1.5).
 std::array<double, 3> closest_barycentric(const Point& p, const Point& a, const Point& b, const Point& c) {
     const Point ab = minus(b, a), ac = minus(c, a), ap = minus(p, a);
     const double d1 = dot(ab, ap), d2 = dot(ac, ap);
@@ -42,8 +43,6 @@ std::array<double, 3> closest_barycentric(const Point& p, const Point& a, const 
     const double sum = va + vb + vc;
     return {va / sum, vb / sum, vc / sum};
 }
-
-}  // namespace
 
 Surface::Surface(const TetMeshData& mesh) : positions_(mesh.nodes) {
     struct Face {

@@ -17,6 +17,9 @@ struct SurfacePoint {
     double distance_m = 0.0;  ///< from the query to position_m
 };
 
+/// Weights of a, b, c, sum 1, of the point of the triangle that is closest to p.
+std::array<double, 3> closest_barycentric(const Point& p, const Point& a, const Point& b, const Point& c);
+
 class Surface {
   public:
     /// Faces that belong to exactly one tetrahedron. Orientation is outward whatever the tetrahedron's order.

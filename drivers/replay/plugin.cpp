@@ -21,7 +21,7 @@ struct ReplaySettings {
     double speed = 1.0;
     bool loop = false;
     std::string channels = ".*";
-    std::string skip_channels = "BOUNDARY_ESTIMATE|LIVER_STATE|INNOVATION|GAP|HEALTH";
+    std::string skip_channels = "BOUNDARY_ESTIMATE|LIVER_STATE|INNOVATION|GAP|HEALTH|TRACKING|REGISTRATION|SURFACE_POINTS";
     template <class V>
     void visit(V& field) {
         field("case", case_folder, "case folder (teres-case-1) to play; empty: that of [service]");
@@ -31,7 +31,7 @@ struct ReplaySettings {
         field("loop", loop, "start over at the end; time and sequence numbers go on");
         field("channels", channels, "", "channels of a log that are played (expression over the whole name)");
         field("skip_channels", skip_channels, "",
-              "of these, not played: by default what the plugins publish themselves");
+              "of these, not played: by default what the plugins publish themselves; MARKERS too if observation is one of them");
     }
 };
 

@@ -189,12 +189,13 @@ FrameOutcome BoundaryEstimator::step(const MarkerFrame& frame, ForwardInputs loa
     for (std::size_t i = 0; i < used_.size(); ++i) used_[i] = gate_.use[i / 3] == MarkerUse::kUsed;
     residual_ = innovation.residual;
 
-    nis_ = ensemble_correction(innovation, noise_, used_).nis;
     const double r = options_.model_error_correlation_s > 0.0 && dt_s > 0.0
                          ? std::exp(-dt_s / options_.model_error_correlation_s)
                          : 0.0;
-    noise_ = noise_variance((1.0 + r) / (1.0 - r));
-    const Correction correction = filter_->correct(innovation, noise_, used_);
+    const Rows rows = with_surface(frame.surface, innovation, (1.0 + r) / (1.0 - r));
+    nis_ = ensemble_correction(rows.innovation, rows.noise, rows.used).nis;
+    noise_ = rows.noise_in_time.head(z_.size());
+    const Correction correction = filter_->correct(rows.innovation, rows.noise_in_time, rows.used);
     degrees_of_freedom_ = static_cast<std::int32_t>(correction.num_used);
     filter_->shift_parameters(map_.bring_mean_inside(filter_->theta()));
     if (filter_->needs_mean_step()) advance_mean(loads, start);
@@ -205,6 +206,26 @@ FrameOutcome BoundaryEstimator::step(const MarkerFrame& frame, ForwardInputs loa
     state_ = filter_->state();
     record(loads, change);
     return correction.num_used > 0 ? FrameOutcome::kCorrected : FrameOutcome::kPredicted;
+}
+
+// The markers' rows, below them those of the surface.
+BoundaryEstimator::Rows BoundaryEstimator::with_surface(const SurfaceFrame& frame, const Innovation& markers, double model_share) {
+    Rows rows{markers, noise_, noise_variance(model_share), used_};
+    if (!surface_ || frame.x_m.empty()) return rows;
+    surface_->look(frame, lanes_);
+    const Innovation surface = filter_->innovation(surface_->z(), surface_->Z());
+    const std::vector<std::uint8_t> good = surface_->gate(surface);
+    const auto append = [](auto& to, const auto& below) {
+        const Index above = to.rows();
+        to.conservativeResize(above + below.rows(), Eigen::NoChange);
+        to.bottomRows(below.rows()) = below;
+    };
+    append(rows.innovation.residual, surface.residual);
+    append(rows.innovation.deviations, surface.deviations);
+    append(rows.noise, surface_->variance(1.0));
+    append(rows.noise_in_time, surface_->variance(model_share));
+    rows.used.insert(rows.used.end(), good.begin(), good.end());
+    return rows;
 }
 
 void BoundaryEstimator::follow_cut(std::span<const std::int32_t> released,

@@ -3,6 +3,7 @@
 //     widen      parameters may have moved since the last frame          parameter_walk.h
 //     advance    all sigma points through the forward model, one call    core/extensions/forward_model.h
 //     gate       markers that contradict the prediction                  marker_gate.h
+//     look       points of the organ's surface, if wanted                 surface_observation.h
 //     correct    parameters and state                                    ro_ukf.h or ukf.h
 //     judge      does the innovation fit the filter's own uncertainty    consistency_monitor.h
 //
@@ -16,6 +17,7 @@
 #include <Eigen/Dense>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -27,6 +29,7 @@
 #include "plugins/estimator/marker_gate.h"
 #include "plugins/estimator/parameter_map.h"
 #include "plugins/estimator/parameter_walk.h"
+#include "plugins/estimator/surface_observation.h"
 
 namespace teres {
 
@@ -51,6 +54,7 @@ struct MarkerFrame {
     std::span<const std::int32_t> id;
     std::span<const double> x_m, y_m, z_m;
     std::span<const double> sigma_m;  ///< 0 or not finite: not stated
+    SurfaceFrame surface{};           ///< used after observe_surface()
 };
 
 enum class FrameOutcome {
@@ -84,6 +88,9 @@ class BoundaryEstimator {
     /// re-inflation of an inconsistent frame: a cut may change more than was said.
     void follow_cut(std::span<const std::int32_t> released, std::span<const std::int32_t> lost_markers);
 
+    /// [setup] Surface points count from now on. The offline smoother does not know them: not with keep_recording().
+    void observe_surface(SurfaceObservation surface) { surface_ = std::move(surface); }
+
     // Of the last frame that was not refused.
     std::int64_t stamp_us() const { return stamp_us_; }
     bool started() const { return started_; }
@@ -115,6 +122,12 @@ class BoundaryEstimator {
     BoundaryEstimator(ForwardModel& model, const BoundaryEstimatorOptions& options, ParameterMap map,
                       AttachmentMap attachment);
     void read(const MarkerFrame& frame);
+    struct Rows {
+        Innovation innovation;
+        Eigen::VectorXd noise, noise_in_time;  // the latter with the correlation of the model's error
+        std::vector<std::uint8_t> used;
+    };
+    Rows with_surface(const SurfaceFrame& frame, const Innovation& markers, double model_share);
     bool advance_lanes(ForwardInputs loads);
     void record(const ForwardInputs& loads, const ParameterWalk::Change& change);
     void advance_mean(ForwardInputs loads, const Eigen::VectorXd& start);
@@ -144,6 +157,7 @@ class BoundaryEstimator {
     Eigen::VectorXd theta_, state_, residual_;
     Eigen::MatrixXd covariance_, predicted_covariance_;
     ForwardReport report_{};
+    std::optional<SurfaceObservation> surface_;
     GateResult gate_;
     double nis_ = 0.0;
     std::int32_t degrees_of_freedom_ = 0;

@@ -1,4 +1,4 @@
-// Unit `estimator`: TOOL_LOADS, MARKERS and CUT in; BOUNDARY_ESTIMATE, LIVER_STATE and INNOVATION out, one of each
+// Unit `estimator`: TOOL_LOADS, MARKERS, SURFACE_POINTS and CUT in; BOUNDARY_ESTIMATE, LIVER_STATE and INNOVATION out, one of each
 // per frame, stamped with the capture time of the frame and nothing else, so that a replay gives the same
 // bytes.
 #include <algorithm>
@@ -6,7 +6,9 @@
 #include <deque>
 #include <memory>
 #include <optional>
+#include <utility>
 
+#include "core/case/case_reader.h"
 #include "core/extensions/offline_estimate.h"
 #include "core/extensions/topology.h"
 #include "core/load_book.h"
@@ -18,6 +20,7 @@
 #include "teres/innovation_t.hpp"
 #include "teres/liver_state_t.hpp"
 #include "teres/markers_t.hpp"
+#include "teres/surface_points_t.hpp"
 #include "teres/tool_loads_t.hpp"
 
 namespace teres {
@@ -37,6 +40,18 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
 
     Status configure() override {
         TERES_TRY_ASSIGN(options_, settings.options());
+        surface_.reset();
+        if (!settings.surface) return {};
+        if (settings.keep_recording) return invalid_input("estimator.surface and estimator.keep_recording exclude each other: the smoother knows markers only");
+        if (settings.case_folder.empty()) return invalid_input("estimator.surface needs estimator.case (or service.case): no case folder is named");
+        CaseReadOptions reading;
+        reading.observations = false;
+        TERES_TRY_ASSIGN(const Case c, read_case(settings.case_folder, reading));
+        SurfaceOptions options = settings.surface_options;
+        options.probability = options_.gate.probability;
+        options.relative_model_error = options_.relative_model_error;
+        options.model_error_sigma_m = options_.model_error_sigma_m;
+        surface_.emplace(c.mesh, options);
         return {};
     }
 
@@ -50,6 +65,8 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
         if (!estimator) return invalid_input("estimator: " + estimator.error().text);
         estimator_.emplace(std::move(*estimator));
         estimator_->keep_recording(settings.keep_recording);
+        if (surface_) estimator_->observe_surface(*surface_);
+        surface_points_.clear();
         smoothed_ = {};
         loads_.emplace(*model_);
         topology_ = host_.extension<Topology>();
@@ -60,6 +77,9 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
             "TOOL_LOADS", kMaxMessageBytes, [this](const tool_loads_t& m, std::int64_t) { take_loads(m); }));
         TERES_TRY(host_.subscribe<markers_t>("MARKERS", kMaxMessageBytes,
                                              [this](const markers_t& m, std::int64_t) { take_markers(m); }));
+        if (surface_)
+            TERES_TRY(host_.subscribe<surface_points_t>("SURFACE_POINTS", kMaxMessageBytes,
+                                                        [this](const surface_points_t& m, std::int64_t) { take_surface(m); }));
         TERES_TRY(host_.subscribe<cut_t>("CUT", kMaxMessageBytes,
                                          [this](const cut_t& m, std::int64_t) { take_cut(m); }));
         return {};
@@ -72,6 +92,8 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
             queue_.pop_front();
             return work(frame);
         }
+        // What came since the last step may still be on its way through another unit (frames that become MARKERS).
+        if (std::exchange(arrived_, false)) return TERES_STEP_IDLE;
         // Loads keep coming but no markers: go on as a prediction, at the time of the loads.
         const auto stale_us = static_cast<std::int64_t>(1e6 * settings.stale_after_s);
         if (estimator_->started() && loads_->newest_us() >= estimator_->stamp_us() + stale_us) {
@@ -137,6 +159,7 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
   private:
     void take_loads(const tool_loads_t& message) {
         if (!loads_) return;
+        arrived_ = true;
         const auto unknown_before = loads_->num_unknown();
         if (loads_->add(message) != LoadBook::Entry::kTaken)
             warn_once(loads_warned_, "TOOL_LOADS refused: a force is not finite or time went backwards");
@@ -155,6 +178,19 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
         }
         queue_.push_back(message);
         newest_marker_us_ = message.header.capture_stamp_us;
+    }
+
+    // Comes before the MARKERS of its frame.
+    void take_surface(const surface_points_t& message) {
+        if (surface_points_.size() > static_cast<std::size_t>(settings.max_queue)) surface_points_.pop_front();
+        surface_points_.push_back(message);
+    }
+
+    SurfaceFrame surface_of(std::int64_t frame_us) {
+        while (!surface_points_.empty() && surface_points_.front().header.capture_stamp_us < frame_us) surface_points_.pop_front();
+        if (surface_points_.empty() || surface_points_.front().header.capture_stamp_us != frame_us) return {};
+        const surface_points_t& m = surface_points_.front();
+        return {m.feature_id, m.x_m, m.y_m, m.z_m, m.sigma_m, m.rest_x_m, m.rest_y_m, m.rest_z_m};
     }
 
     void take_cut(const cut_t& message) {
@@ -202,7 +238,7 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
     }
 
     teres_step_outcome work(const markers_t& m) noexcept {
-        const MarkerFrame frame{m.header.capture_stamp_us, m.marker_id, m.x_m, m.y_m, m.z_m, m.sigma_m};
+        const MarkerFrame frame{m.header.capture_stamp_us, m.marker_id, m.x_m, m.y_m, m.z_m, m.sigma_m, surface_of(m.header.capture_stamp_us)};
         follow_cuts(frame.stamp_us);
         const std::int64_t unknown_before = estimator_->counters().markers_unknown;
         const FrameOutcome outcome = estimator_->step(frame, loads_->at(frame.stamp_us));
@@ -327,11 +363,13 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
     std::optional<BoundaryEstimator> estimator_;
     std::optional<LoadBook> loads_;
     std::deque<markers_t> queue_;
+    std::optional<SurfaceObservation> surface_;  // as new for every start
+    std::deque<surface_points_t> surface_points_;
     Topology* topology_ = nullptr;
     std::deque<cut_t> cuts_;
     std::int64_t newest_marker_us_ = 0;
     SmootherResult smoothed_;
-    bool overflowed_ = false;
+    bool overflowed_ = false, arrived_ = false;
     bool loads_warned_ = false, names_warned_ = false, queue_warned_ = false, time_warned_ = false,
          ids_warned_ = false;
     std::int64_t sequence_ = 0;

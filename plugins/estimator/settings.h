@@ -28,6 +28,9 @@ struct EstimatorSettings {
     double stale_after_s = 0.5;
     int max_queue = 2;
     bool keep_recording = false;
+    std::string case_folder;
+    bool surface = false;
+    SurfaceOptions surface_options;
 
     template <class V>
     void visit(V& field) {
@@ -71,6 +74,11 @@ struct EstimatorSettings {
         field("keep_recording", keep_recording,
               "keep every frame in memory for offline smoothing (teres estimate sets it); memory grows with "
               "time");
+        field("surface", surface, "SURFACE_POINTS are observed beside MARKERS");
+        field("case", case_folder, "", "surface: case folder (teres-case-1) with the mesh; empty: that of [service]");
+        field("surface_gate_m", surface_options.gate_m, {1e-4, 0.5}, "surface points farther from the prediction are of something else");
+        field("surface_correlated_points", surface_options.correlated_points, {1.0, 1e6},
+              "so many points of the depth surface count as one: the model's error is alike over neighbours");
     }
 
     Result<BoundaryEstimatorOptions> options() const;

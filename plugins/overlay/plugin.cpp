@@ -1,4 +1,4 @@
-// Unit `overlay`: CAMERA_COLOR (and _INFO), LIVER_STATE, BOUNDARY_ESTIMATE, MARKERS in; OVERLAY out, one augmented frame
+// Unit `overlay`: CAMERA_COLOR (and _INFO), REGISTRATION, LIVER_STATE, BOUNDARY_ESTIMATE, MARKERS in; OVERLAY out, one augmented frame
 // per colour frame, stamped as that frame.
 #include <cmath>
 #include <memory>
@@ -14,6 +14,7 @@
 #include "teres/image_t.hpp"
 #include "teres/liver_state_t.hpp"
 #include "teres/markers_t.hpp"
+#include "teres/registration_t.hpp"
 
 namespace teres {
 namespace {
@@ -91,6 +92,7 @@ class OverlayPlugin final : public Unit {
         sequence_ = 0;
         pending_ = false;
         camera_.reset();
+        registered_.reset();
         state_us_.reset();
         TERES_TRY(host_.subscribe<camera_info_t>("CAMERA_COLOR_INFO", kMaxMessageBytes,
                                                  [this](const camera_info_t& m, std::int64_t) { take_info(m); }));
@@ -104,6 +106,8 @@ class OverlayPlugin final : public Unit {
             "BOUNDARY_ESTIMATE", kMaxMessageBytes, [this](const boundary_estimate_t& m, std::int64_t) {
                 overlay_->set_attachment(m.node_id, m.attachment_probability);
             }));
+        TERES_TRY(host_.subscribe<registration_t>("REGISTRATION", kMaxMessageBytes,
+                                                  [this](const registration_t& m, std::int64_t) { take_registration(m); }));
         return host_.subscribe<markers_t>("MARKERS", kMaxMessageBytes, [this](const markers_t& m, std::int64_t) {
             std::vector<Point> markers;
             for (std::size_t i = 0; i < m.x_m.size(); ++i) markers.push_back({m.x_m[i], m.y_m[i], m.z_m[i]});
@@ -131,10 +135,19 @@ class OverlayPlugin final : public Unit {
     void take_info(const camera_info_t& message) {
         const auto info = stream_info(message);
         if (!info) return;
-        const auto of_case = camera_pose(case_.sensor);
-        if (info->reference_frame != case_.name && !of_case) return;
+        const auto stated = info->reference_frame == case_.name ? info->to_reference : camera_pose(case_.sensor);
+        if (!stated && !registered_) return;
         camera_ = *info;
-        overlay_->set_camera(info->camera, info->reference_frame == case_.name ? info->to_reference : *of_case);
+        overlay_->set_camera(info->camera, registered_ ? *registered_ : *stated);
+    }
+
+    // Of another camera than the one that is drawn over: not used.
+    void take_registration(const registration_t& m) {
+        if (!camera_ || m.camera != camera_->frame_id || m.good == 0) return;
+        registered_.emplace();
+        std::copy(std::begin(m.rotation), std::end(m.rotation), registered_->R.begin());
+        std::copy(std::begin(m.translation_m), std::end(m.translation_m), registered_->t.begin());
+        overlay_->set_camera(camera_->camera, *registered_);
     }
 
     void take_state(const liver_state_t& m) {
@@ -169,6 +182,7 @@ class OverlayPlugin final : public Unit {
     Case case_;
     std::unique_ptr<Overlay> overlay_;
     std::optional<StreamInfo> camera_;
+    std::optional<Pose> registered_;
     image_t frame_{}, out_{};
     bool pending_ = false, state_stale_ = false;
     std::optional<std::int64_t> state_us_;

@@ -66,18 +66,26 @@ const std::vector<Vector3d>& rays() {
     return all;
 }
 
+// The second camera of a pair: x_left = R x_right + t.
+const Eigen::Matrix3d kTurn = Eigen::AngleAxisd(0.06, Vector3d(0.2, -1.0, 0.1).normalized()).toRotationMatrix();
+const Vector3d kShift(0.048, 0.0015, -0.002);
+
 // View number k: turned to another side by 25 to 40 degrees, 0.30 to 0.38 m away, off the axis; 4 x 4 rays a pixel.
-cv::Mat shot(const Board& board, int k) {
+cv::Mat shot(const Board& board, int k, bool right = false) {
     const Pattern pattern(board);
     const double side = 2.4 * k, tilt = k == 0 ? 0.05 : 0.44 + 0.06 * (k % 5);
-    const Eigen::AngleAxisd R(tilt, Vector3d(std::cos(side), std::sin(side), 0.0));
-    const Vector3d t = Vector3d(0.05 * std::cos(1.3 * k), 0.04 * std::sin(1.7 * k), 0.30 + 0.016 * (k % 6)) - R * pattern.middle();
-    const Eigen::Matrix3d to_board = R.toRotationMatrix().transpose();
+    Eigen::Matrix3d R = Eigen::AngleAxisd(tilt, Vector3d(std::cos(side), std::sin(side), 0.0)).toRotationMatrix();
+    Vector3d t = Vector3d(0.05 * std::cos(1.3 * k), 0.04 * std::sin(1.7 * k), 0.30 + 0.016 * (k % 6)) - R * pattern.middle();
+    if (right) {
+        R = kTurn.transpose() * R;
+        t = kTurn.transpose() * (t - kShift);
+    }
+    const Eigen::Matrix3d to_board = R.transpose();
     const Vector3d n = to_board.row(2), origin = to_board * t;
     const double distance = n.dot(t);
     constexpr int kRays = 4;
     cv::Mat image(kTruth.height_px, kTruth.width_px, CV_8U);
-    cv::RNG noise(static_cast<std::uint64_t>(k) + 1);
+    cv::RNG noise(static_cast<std::uint64_t>(k) + (right ? 100 : 1));
     for (int v = 0; v < image.rows; ++v)
         for (int u = 0; u < image.cols; ++u) {
             double sum = 0.0;
@@ -156,6 +164,45 @@ TEST(CalibrateCameraCommand, WritesWhatTheDriverReadsAndRefusesWhatIsOpen) {
     const auto mixed = test::run_teres(words);
     EXPECT_EQ(mixed.exit_code, 2);
     EXPECT_THAT(mixed.error, ::testing::HasSubstr("small.png is 320x240"));
+}
+
+TEST(CalibrateCameraCommand, FindsHowThePairStandsAndRefusesPicturesThatAreNoPairs) {
+    const test::ScratchFolder scratch;
+    std::vector<std::string> left, right;
+    for (int k = 0; k < 12; ++k)
+        for (auto* side : {&left, &right}) {
+            side->push_back((scratch.path() / ((side == &left ? "left" : "right") + std::to_string(k) + ".png")).string());
+            cv::imwrite(side->back(), shot(kChecker, k, side == &right));
+        }
+    const auto run = [&] {
+        std::vector<std::string> words{"calibrate-camera", "--size", "0.02", "-o", (scratch.path() / "L.toml").string(), "--right-out", (scratch.path() / "R.toml").string()};
+        words.insert(words.end(), left.begin(), left.end());
+        words.push_back("--right");
+        words.insert(words.end(), right.begin(), right.end());
+        return test::run_teres(words);
+    };
+    const auto good = run();
+    ASSERT_EQ(good.exit_code, 0) << good.error;
+    EXPECT_THAT(good.output, ::testing::HasSubstr("reprojection error of the pair"));
+    std::printf("%s", good.output.c_str());
+    const auto info = read_calibration(scratch.path(), "R", 640, 480);
+    ASSERT_TRUE(info && *info);
+    const auto stream = stream_info(**info);
+    ASSERT_TRUE(stream) << stream.error().text;
+    EXPECT_EQ(stream->reference_frame, "camera_left");
+    EXPECT_NEAR(stream->baseline_m, kShift.norm(), 2e-4);
+    for (int a = 0; a < 3; ++a) EXPECT_NEAR(stream->to_reference.t[static_cast<std::size_t>(a)], kShift(a), 4e-4) << a;
+    const Eigen::Matrix3d R = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(stream->to_reference.R.data());
+    EXPECT_LT(Eigen::AngleAxisd(R * kTurn.transpose()).angle(), 4e-3);
+
+    std::rotate(right.begin(), right.begin() + 1, right.end());
+    const auto mixed = run();
+    EXPECT_EQ(mixed.exit_code, 1);
+    EXPECT_THAT(mixed.error, ::testing::HasSubstr("at the same time"));
+    right.pop_back();
+    const auto fewer = run();
+    EXPECT_EQ(fewer.exit_code, 2);
+    EXPECT_THAT(fewer.error, ::testing::HasSubstr("must be pairs"));
 }
 
 }  // namespace

@@ -2,18 +2,23 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 
 #include "core/camera/camera_model.h"
 #include "core/case/case_reader.h"
+#include "core/case/case_writer.h"
 #include "core/log_reader.h"
 #include "core/recorder.h"
+#include "teres/liver_state_t.hpp"
 #include "teres/markers_t.hpp"
+#include "teres/registration_t.hpp"
 #include "teres/tracking_t.hpp"
 #include "tests/support/program.h"
 
@@ -35,10 +40,12 @@ std::string filmed(const test::ScratchFolder& scratch, const std::vector<std::st
     return out;
 }
 
-void track(const std::string& out, const std::string& source, const std::string& log = "recording.lcm") {
-    const auto replay = test::run_teres({"replay", out + "/" + log, "--case", demo_case().string(), "--speed", "0", "--set",
-                                         "service.plugins=observation", "--set", "observation.source=" + source, "--set",
-                                         "service.record_to=" + out + "/tracked.lcm"});
+void track(const std::string& out, const std::string& source, const std::string& log = "recording.lcm", const std::vector<std::string>& options = {}) {
+    std::vector<std::string> words{"replay", out + "/" + log, "--case", demo_case().string(), "--speed", "0", "--set",
+                                   "service.plugins=observation", "--set", "observation.source=" + source, "--set",
+                                   "service.record_to=" + out + "/tracked.lcm"};
+    words.insert(words.end(), options.begin(), options.end());
+    const auto replay = test::run_teres(words);
     EXPECT_EQ(replay.exit_code, 0) << replay.error;
     EXPECT_THAT(replay.output, HasSubstr("TRACKING"));
 }
@@ -131,6 +138,165 @@ TEST(Film, CameraIsRegisteredToTheModel) {
     const Point& truth = color.to_reference.t;
     for (std::size_t a = 0; a < 3; ++a) EXPECT_NEAR(pose["sensor"]["camera_position_m"][a], truth[a], 4e-3) << a;
     EXPECT_NEAR(pose["sensor"]["view_direction"][2], -1.0, 1e-4);
+}
+
+// The stream states a camera that is 10 mm and 5 degrees off: the running service finds the true one and knows how well.
+TEST(Film, RunningServiceFindsTheCameraFromMarkersAndSurface) {
+    const test::ScratchFolder scratch;
+    const std::string out = filmed(scratch, {"--seconds", "1", "--rate", "10"});
+    Pose truth;
+    {
+        auto in = LogReader::open(out + "/recording.lcm");
+        auto to = Recorder::open({.file = out + "/off.lcm"});
+        ASSERT_TRUE(in && to);
+        for (LogEvent event; in->next(event);) {
+            std::vector<std::uint8_t> bytes(event.data.begin(), event.data.end());
+            camera_info_t info;
+            if (event.channel == "CAMERA_COLOR_INFO" && info.decode(bytes.data(), 0, static_cast<int>(bytes.size())) >= 0) {
+                StreamInfo color = *stream_info(info);
+                truth = color.to_reference;
+                const double a = 5.0 / 57.2958;  // about the liver's x axis
+                const Pose off{{1, 0, 0, 0, std::cos(a), -std::sin(a), 0, std::sin(a), std::cos(a)}, {0.006, -0.007, 0.004}};
+                color.to_reference = off * truth;
+                const std::int64_t stamp_us = info.header.capture_stamp_us;
+                info = to_message(color);
+                info.header.capture_stamp_us = stamp_us;
+                bytes.resize(static_cast<std::size_t>(info.getEncodedSize()));
+                info.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
+            }
+            to->record(event.channel, bytes, event.stamp_us);
+        }
+    }
+    track(out, "depth", "off.lcm", {"--set", "observation.registration=surface"});
+    auto log = LogReader::open(out + "/tracked.lcm");
+    ASSERT_TRUE(log);
+    std::vector<registration_t> found;
+    for (LogEvent event; log->next(event);) {
+        registration_t m;
+        if (event.channel == "REGISTRATION" && m.decode(event.data.data(), 0, static_cast<int>(event.data.size())) >= 0) found.push_back(m);
+    }
+    ASSERT_EQ(found.size(), 1u);
+    const registration_t& r = found.front();
+    ASSERT_TRUE(r.good) << r.reason;
+    EXPECT_GT(r.points, 300);
+    EXPECT_GE(r.markers, 8);
+    // Error as a turn and a shift about the centre, against the stated covariance.
+    Pose pose;
+    std::copy(std::begin(r.rotation), std::end(r.rotation), pose.R.begin());
+    std::copy(std::begin(r.translation_m), std::end(r.translation_m), pose.t.begin());
+    const Pose D = pose * truth.inverse();
+    const Point center{r.about_m[0], r.about_m[1], r.about_m[2]}, moved = D.apply(center);
+    Eigen::Matrix<double, 6, 1> error;
+    error << 0.5 * (D.R[7] - D.R[5]), 0.5 * (D.R[2] - D.R[6]), 0.5 * (D.R[3] - D.R[1]), moved[0] - center[0], moved[1] - center[1], moved[2] - center[2];
+    const Eigen::Map<const Eigen::Matrix<double, 6, 6, Eigen::RowMajor>> covariance(r.covariance);
+    EXPECT_LT(error.head<3>().norm(), 0.5 / 57.2958) << "turn " << error.head<3>().transpose();
+    EXPECT_LT(error.tail<3>().norm(), 8e-4) << "shift " << error.tail<3>().transpose();
+    EXPECT_LT(error.dot(covariance.ldlt().solve(error)), 25.0) << "99.97 % of a chi square of 6";
+    std::printf("turn error %.3f deg, shift error %.3f mm, chi square %.1f of 6; stated %.3f deg %.3f mm; %d points, %d markers\n", 57.2958 * error.head<3>().norm(),
+                1e3 * error.tail<3>().norm(), error.dot(covariance.ldlt().solve(error)), 57.2958 * std::sqrt(covariance.topLeftCorner<3, 3>().trace()),
+                1e3 * std::sqrt(covariance.bottomRightCorner<3, 3>().trace()), r.points, r.markers);
+    const auto score = scored(out);
+    EXPECT_EQ(score["identity_errors"], 0);
+    EXPECT_LT(score["error_median_m"], 8e-4);
+    EXPECT_GT(score["visible_reported_share"], 0.6);
+}
+
+// Frames and loads come in bursts, as after a long filter step: what the frames become must not be overtaken by a prediction.
+TEST(Film, BurstsOfFramesAreNotOvertakenByPredictions) {
+    const test::ScratchFolder scratch;
+    const std::string out = filmed(scratch, {"--seconds", "4", "--rate", "10"});
+    const auto replay = test::run_teres({"replay", out + "/recording.lcm", "--case", demo_case().string(), "--speed", "1000", "--set",
+                                         "service.plugins=observation,simulation,estimator", "--set", "simulation.num_groups=2"});
+    EXPECT_EQ(replay.exit_code, 0) << replay.error;
+    EXPECT_THAT(replay.output, HasSubstr("BOUNDARY_ESTIMATE"));
+    EXPECT_THAT(replay.error, ::testing::Not(HasSubstr("time does not go forwards")));
+}
+
+// A log of a whole session holds the MARKERS of that time: made anew from its frames, they come once.
+TEST(Film, MarkersOfTheLogAreNotPlayedBesideThoseMadeAnew) {
+    const test::ScratchFolder scratch;
+    const std::string out = filmed(scratch, {"--seconds", "0.5", "--rate", "10"});
+    track(out, "depth");
+    std::filesystem::rename(out + "/tracked.lcm", out + "/session.lcm");
+    track(out, "depth", "session.lcm");
+    auto log = LogReader::open(out + "/tracked.lcm");
+    ASSERT_TRUE(log);
+    std::map<std::string, int> count;
+    for (LogEvent event; log->next(event);) ++count[std::string(event.channel)];
+    EXPECT_EQ(count["CAMERA_COLOR"], 6);
+    EXPECT_EQ(count["MARKERS"], 6);
+    EXPECT_EQ(count["TRACKING"], 6);
+}
+
+// Mean error of the case's inner points in the LIVER_STATEs of a log, at the frames for which the solver's truth is known.
+double inner_error_m(const Case& c, const std::string& file) {
+    struct Carrier {
+        std::array<std::int32_t, 4> nodes;
+        Eigen::Vector4d weights;
+    };
+    std::map<std::int32_t, Carrier> carriers;
+    const auto vec = [](const Point& p) { return Eigen::Vector3d(p[0], p[1], p[2]); };
+    for (const MarkerRest& point : c.validation_rest) {
+        double deepest = -1e9;
+        for (const auto& tet : c.mesh.tets) {
+            Eigen::Matrix4d A = Eigen::Matrix4d::Ones();
+            for (int k = 0; k < 4; ++k) A.col(k).head<3>() = vec(c.mesh.nodes[static_cast<std::size_t>(tet[static_cast<std::size_t>(k)])]);
+            const Eigen::Vector4d w = A.partialPivLu().solve(vec(point.position_m).homogeneous());
+            if (w.minCoeff() > deepest) {
+                deepest = w.minCoeff();
+                carriers[point.id] = {tet, w};
+            }
+        }
+    }
+    std::map<std::int64_t, std::vector<Point>> states;
+    auto log = LogReader::open(file);
+    for (LogEvent event; log && log->next(event);) {
+        liver_state_t m;
+        if (event.channel != "LIVER_STATE" || m.decode(event.data.data(), 0, static_cast<int>(event.data.size())) < 0) continue;
+        auto& nodes = states[(m.header.capture_stamp_us + 500) / 1000];
+        for (std::size_t n = 0; n < m.x_m.size(); ++n) nodes.push_back({m.x_m[n], m.y_m[n], m.z_m[n]});
+    }
+    double sum = 0.0;
+    std::size_t count = 0;
+    const auto validation = read_positions(demo_case() / "validation.csv", "point_id");
+    EXPECT_TRUE(validation);
+    for (const PositionSample& truth : *validation) {
+        const auto state = states.find(std::llround(1e3 * truth.t_s));
+        if (state == states.end()) continue;
+        Eigen::Vector3d x = Eigen::Vector3d::Zero();
+        const Carrier& carrier = carriers.at(truth.id);
+        for (int k = 0; k < 4; ++k) x += carrier.weights[k] * vec(state->second[static_cast<std::size_t>(carrier.nodes[static_cast<std::size_t>(k)])]);
+        sum += (x - vec(truth.position_m)).norm();
+        ++count;
+    }
+    EXPECT_GT(count, 0u);
+    return sum / static_cast<double>(std::max<std::size_t>(1, count));
+}
+
+// Three of the 14 markers, with and without the depth surface: frames to inner points. Three quarters of a minute: ctest -L long.
+TEST(Film, DISABLED_SurfacePointsMendWhatFewMarkersLeaveOpen) {
+    const test::ScratchFolder scratch;
+    const std::string out = filmed(scratch, {"--seconds", "4.8", "--rate", "2.5"});
+    auto c = read_case(demo_case());
+    ASSERT_TRUE(c);
+    c->markers = {c->markers[2], c->markers[6], c->markers[11]};
+    std::erase_if(c->observations, [&](const PositionSample& row) {
+        return std::ranges::none_of(c->markers, [&](const MarkerRest& m) { return m.id == row.id; });
+    });
+    ASSERT_TRUE(write_case(*c, scratch.path() / "few"));
+    const auto error_mm = [&](const std::string& name, const std::vector<std::string>& options) {
+        std::vector<std::string> words{"replay", out + "/recording.lcm", "--case", (scratch.path() / "few").string(), "--speed", "0", "--set",
+                                       "service.plugins=observation,simulation,estimator", "--set",
+                                       "service.record_to=" + out + "/" + name + ".lcm"};
+        for (const std::string& option : options) words.insert(words.end(), {"--set", option});
+        const auto replay = test::run_teres(words);
+        EXPECT_EQ(replay.exit_code, 0) << replay.error;
+        const double mm = 1e3 * inner_error_m(*c, out + "/" + name + ".lcm");
+        std::printf("%-8s %.2f mm\n", name.c_str(), mm);
+        return mm;
+    };
+    const double few = error_mm("few", {}), surface = error_mm("surface", {"observation.surface_points=200", "estimator.surface=true"});
+    EXPECT_LT(surface, 0.9 * few);
 }
 
 class AugmentedView : public ::testing::Test {

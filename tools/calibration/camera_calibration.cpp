@@ -1,6 +1,7 @@
 #include "tools/calibration/camera_calibration.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
@@ -99,7 +100,51 @@ Result<CameraCalibration> calibrate(std::span<BoardView> views, int width_px, in
     return result;
 }
 
-Status write_calibration(const std::string& file, const CameraCalibration& calibration, std::size_t num_views) {
+double StereoCalibration::baseline_m() const {
+    return std::hypot(right_to_left.t[0], right_to_left.t[1], right_to_left.t[2]);
+}
+
+double StereoCalibration::turn_deg() const {
+    const auto& R = right_to_left.R;
+    return std::acos(std::clamp(0.5 * (R[0] + R[4] + R[8] - 1.0), -1.0, 1.0)) * 180.0 / std::numbers::pi;
+}
+
+Result<StereoCalibration> calibrate_stereo(std::span<BoardView> left, std::span<BoardView> right, int width_px, int height_px, bool with_k3) {
+    StereoCalibration result;
+    TERES_TRY_ASSIGN(result.left, calibrate(left, width_px, height_px, with_k3));
+    TERES_TRY_ASSIGN(result.right, calibrate(right, width_px, height_px, with_k3));
+    std::vector<std::vector<cv::Point3f>> corners;
+    std::vector<std::vector<cv::Point2f>> left_pixels, right_pixels;
+    for (std::size_t i = 0; i < std::min(left.size(), right.size()); ++i) {
+        std::vector<cv::Point3f> common;
+        std::vector<cv::Point2f> in_left, in_right;
+        for (std::size_t k = 0; k < left[i].corners_m.size(); ++k) {
+            const auto same = std::ranges::find(right[i].corners_m, left[i].corners_m[k]);
+            if (same == right[i].corners_m.end()) continue;
+            common.push_back(*same);
+            in_left.push_back(left[i].pixels[k]);
+            in_right.push_back(right[i].pixels[static_cast<std::size_t>(same - right[i].corners_m.begin())]);
+        }
+        if (common.size() < kMinTags) continue;
+        corners.push_back(std::move(common));
+        left_pixels.push_back(std::move(in_left));
+        right_pixels.push_back(std::move(in_right));
+    }
+    if (corners.size() < kMinViews)
+        return not_usable(fmt::format("board found by both cameras in {} pairs, at least {} are needed", corners.size(), kMinViews));
+    const auto matrix = [](const CameraModel& c) { return cv::Mat(cv::Matx33d(c.fx_px, 0.0, c.cx_px, 0.0, c.fy_px, c.cy_px, 0.0, 0.0, 1.0)); };
+    const auto distortion = [](const CameraModel& c) { return cv::Mat(c.distortion, true); };
+    cv::Mat K1 = matrix(result.left.camera), D1 = distortion(result.left.camera), K2 = matrix(result.right.camera), D2 = distortion(result.right.camera);
+    cv::Mat R, t, E, F;  // x_right = R x_left + t
+    result.rms_px = cv::stereoCalibrate(corners, left_pixels, right_pixels, K1, D1, K2, D2, {width_px, height_px}, R, t, E, F, cv::CALIB_FIX_INTRINSIC);
+    Pose left_to_right;
+    for (int i = 0; i < 9; ++i) left_to_right.R[static_cast<std::size_t>(i)] = R.at<double>(i / 3, i % 3);
+    for (int i = 0; i < 3; ++i) left_to_right.t[static_cast<std::size_t>(i)] = t.at<double>(i);
+    result.right_to_left = left_to_right.inverse();
+    return result;
+}
+
+Status write_calibration(const std::string& file, const CameraCalibration& calibration, std::size_t num_views, const std::optional<Mounting>& mounting) {
     const CameraModel& c = calibration.camera;
     std::ofstream out(file);
     out << fmt::format(
@@ -109,6 +154,11 @@ Status write_calibration(const std::string& file, const CameraCalibration& calib
         num_views, calibration.rms_px, 100.0 * calibration.covered_share, c.width_px, c.height_px, c.fx_px, calibration.stdev_px[0], c.fy_px,
         calibration.stdev_px[1], c.cx_px, calibration.stdev_px[2], c.cy_px, calibration.stdev_px[3], c.distortion[0], c.distortion[1],
         c.distortion[2], c.distortion[3], c.distortion[4]);
+    if (mounting) {
+        const auto& [R, t] = mounting->to_reference;
+        out << fmt::format("reference_frame = \"{}\"    # x_reference = R x + t; pair: {:.3f} px rms\nrotation = [{:.9f}]\ntranslation_m = [{:.7f}]\nbaseline_m = {:.7f}\n",
+                           mounting->reference_frame, mounting->rms_px, fmt::join(R, ", "), fmt::join(t, ", "), std::hypot(t[0], t[1], t[2]));
+    }
     out.close();
     return out ? Status() : Status(host_fault("cannot write " + file));
 }

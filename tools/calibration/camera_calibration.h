@@ -1,6 +1,7 @@
 // Intrinsics and distortion of a camera from pictures of a flat board (Zhang 2000, by OpenCV).
 //
 //     minimise Σ |pixel - project(camera, R_i, t_i, corner)|² over the camera and the board's pose in every picture i
+//     a pair: each camera by itself, then the same over both cameras' pixels for the pose between them
 #pragma once
 
 #include <array>
@@ -46,7 +47,27 @@ std::optional<BoardView> find_board(const cv::Mat& grey, const Board& board);
 /// Errors: kNotUsable with fewer than four views, or if the views leave the focal length open.
 Result<CameraCalibration> calibrate(std::span<BoardView> views, int width_px, int height_px, bool with_k3 = false);
 
+struct StereoCalibration {
+    CameraCalibration left, right;
+    Pose right_to_left;
+    double rms_px = 0.0;  ///< reprojection error over both cameras, with one pose between them
+    double baseline_m() const;
+    double turn_deg() const;
+};
+
+/// left[i], right[i]: the same board at the same time, from cameras of one picture size; only corners that both see count for
+/// the pose between them. Errors: kNotUsable as for one camera, or fewer than four pairs.
+Result<StereoCalibration> calibrate_stereo(std::span<BoardView> left, std::span<BoardView> right, int width_px, int height_px, bool with_k3 = false);
+
+/// What a second camera's file says besides: where it stands to the first.
+struct Mounting {
+    Pose to_reference;
+    std::string reference_frame;
+    double rms_px = 0.0;
+};
+
 /// config/cameras/SERIAL.toml as the camera driver reads it.
-Status write_calibration(const std::string& file, const CameraCalibration& calibration, std::size_t num_views);
+Status write_calibration(const std::string& file, const CameraCalibration& calibration, std::size_t num_views,
+                         const std::optional<Mounting>& mounting = {});
 
 }  // namespace teres::tools

@@ -112,7 +112,7 @@ Renderer::Surfel Renderer::surfel(int u, int v) const {
 cv::Vec3d Renderer::albedo(const Surfel& s) const {
     switch (s.material) {
         case Material::kLiver: {
-            cv::Vec3d tone = cv::Vec3d(0.30, 0.36, 0.62) * (0.80 + 0.14 * noise(s.rest, 140.0) + 0.12 * noise(s.rest, 600.0));
+            cv::Vec3d tone = cv::Vec3d(0.30, 0.36, 0.62) * (0.80 + look_.texture * (0.14 * noise(s.rest, 140.0) + 0.12 * noise(s.rest, 600.0)));
             for (const std::int32_t m : markers_near_[at(s.triangle)]) {
                 // Edge one pixel wide: no staircase that would pull the centroid.
                 const double d = distance(s.rest, scene_.markers()[at(m)].rest);

@@ -12,6 +12,7 @@ namespace teres::phantom {
 struct Look {
     bool bright_markers = false;  ///< else dark
     bool no_markers = false;      ///< texture only
+    double texture = 1.0;         ///< contrast of the liver's own texture
     double pixel_noise = 2.0;     ///< standard deviation [grey levels]
 };
 

@@ -157,6 +157,12 @@ TEST_F(Dashboard, PageIsDrawnAndAnswersTheMouse) {
     EXPECT_GT(count(before, [](const cv::Vec3b& p) { return p[2] > 110 && p[1] < 80 && p[0] < 80; }), 300) << "attached part of the map";
     EXPECT_GT(count(before, [](const cv::Vec3b& p) { return p[0] > 220 && p[2] < 100; }), 100) << "first curve";
 
+    // The same curves on a linear axis, and back.
+    EXPECT_EQ(browser.evaluate("(() => { const c = document.getElementById('curves'), log = c.toDataURL(); document.getElementById('log_axis').click();"
+                               "drawCurves(state); const linear = c.toDataURL(); document.getElementById('log_axis').click(); drawCurves(state);"
+                               "return [log === linear, c.toDataURL() === log]; })()"),
+              json::array({false, true}));
+
     // Half a turn about the vertical (120 px a radian): the clamped end goes to the other side.
     const auto red_side = [&](const char* name) {
         picture(name);
