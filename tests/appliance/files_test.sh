@@ -40,6 +40,16 @@ else
     skip "nft or network namespaces are not available"
 fi
 
+# The unit's IPAddressAllow= looks at the source address: without `src` it is that of another interface, or none.
+if command -v ip >/dev/null && unshare -rn true 2>/dev/null; then
+    sed -n 's/^ExecStart=//p' "$source/config/appliance/teres-multicast.service" >"$work/route.sh"
+    unshare -rn sh -ec "ip link add other type veth peer name end; ip addr add 10.77.0.1/24 dev other; ip link set other up; . '$work/route.sh'
+        ip route get 239.255.76.67" >"$work/route" || fail "the route of teres-multicast.service"
+    grep -q 'dev lo src 127.0.0.1' "$work/route" || fail "packets of the bus do not come from 127.0.0.1: $(head -1 "$work/route")"
+else
+    skip "ip or network namespaces are not available"
+fi
+
 for script in postinst prerm postrm; do
     sh -n "$source/config/appliance/$script" || fail "$script"
     [ -x "$source/config/appliance/$script" ] || fail "$script is not executable"
