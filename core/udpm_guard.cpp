@@ -6,7 +6,6 @@
 #include <sys/socket.h>
 
 #include <algorithm>
-#include <array>
 #include <cstdlib>
 #include <string_view>
 #include <vector>
@@ -17,23 +16,54 @@
 namespace teres {
 namespace {
 
-constexpr std::uint32_t kMagicFragment = 0x4c433033;  // "LC03"
+constexpr std::uint32_t kMagicShort = 0x4c433032, kMagicFragment = 0x4c433033;  // "LC02", "LC03"
 constexpr std::uint32_t kUdpHeader = 8;  // a socket filter sees the packet from the UDP header on
-// Offsets in a fragment's header: magic, sequence, size of the message, offset of the fragment, ...
-constexpr std::uint32_t kAtMagic = kUdpHeader, kAtSize = kUdpHeader + 8, kAtOffset = kUdpHeader + 12;
+// LC02: magic, sequence, channel. LC03: magic, sequence, size of the message, offset of the fragment, u16 number, u16 count, and
+// in fragment 0 the channel.
+constexpr std::uint32_t kAtMagic = kUdpHeader, kAtShortChannel = kUdpHeader + 8;
+constexpr std::uint32_t kAtSize = kUdpHeader + 8, kAtOffset = kUdpHeader + 12, kAtNumber = kUdpHeader + 16,
+                        kAtCount = kUdpHeader + 18, kAtFragmentChannel = kUdpHeader + 20;
+constexpr std::uint32_t kMaxChannel = 64;  // with its terminating zero
 
-bool attach_fragment_filter(int fd) {
-    std::array<sock_filter, 9> program = {{
-        BPF_STMT(BPF_LD | BPF_W | BPF_ABS, kAtMagic),
-        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, kMagicFragment, 0, 5),  // other packets: accept
-        BPF_STMT(BPF_LD | BPF_W | BPF_ABS, kAtSize),
-        BPF_JUMP(BPF_JMP | BPF_JGT | BPF_K, kMaxMessageBytes, 4, 0),  // size above our bound: drop
+constexpr sock_filter kAccept = BPF_STMT(BPF_RET | BPF_K, 0xffffffff), kDrop = BPF_STMT(BPF_RET | BPF_K, 0);
+constexpr sock_filter load(std::uint16_t width, std::uint32_t at) {  // behind the end of the packet: drops it
+    return BPF_STMT(static_cast<std::uint16_t>(BPF_LD | BPF_ABS | width), at);
+}
+
+void accept_if_channel_ends(std::vector<sock_filter>& program, std::uint32_t at) {
+    for (std::uint32_t i = 0; i < kMaxChannel; ++i) {
+        program.push_back(load(BPF_B, at + i));
+        program.push_back(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, 0, 0, 1));
+        program.push_back(kAccept);
+    }
+    program.push_back(kDrop);
+}
+
+bool attach_packet_filter(int fd) {
+    std::vector<sock_filter> program = {
+        load(BPF_W, kAtMagic),  // of a fragment: behind the part for whole messages
+        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, kMagicFragment, 0, 0),
+        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, kMagicShort, 1, 0),
+        kDrop,
+    };
+    std::vector<sock_filter> fragment = {
+        load(BPF_W, kAtSize),
+        BPF_JUMP(BPF_JMP | BPF_JGT | BPF_K, kMaxMessageBytes, 3, 0),
         BPF_STMT(BPF_MISC | BPF_TAX, 0),
-        BPF_STMT(BPF_LD | BPF_W | BPF_ABS, kAtOffset),
-        BPF_JUMP(BPF_JMP | BPF_JGT | BPF_X, 0, 1, 0),  // offset > size: drop
-        BPF_STMT(BPF_RET | BPF_K, 0xffffffff),
-        BPF_STMT(BPF_RET | BPF_K, 0),
-    }};
+        load(BPF_W, kAtOffset),
+        BPF_JUMP(BPF_JMP | BPF_JGT | BPF_X, 0, 0, 1),  // offset > size
+        kDrop,
+        load(BPF_H, kAtCount),  // the header is whole
+        load(BPF_H, kAtNumber),
+        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, 0, 1, 0),
+        kAccept,
+    };
+    accept_if_channel_ends(fragment, kAtFragmentChannel);
+    std::vector<sock_filter> whole;
+    accept_if_channel_ends(whole, kAtShortChannel);
+    program[1].jt = static_cast<std::uint8_t>(2 + whole.size());
+    program.insert(program.end(), whole.begin(), whole.end());
+    program.insert(program.end(), fragment.begin(), fragment.end());
     sock_fprog filter{static_cast<unsigned short>(program.size()), program.data()};
     return setsockopt(fd, SOL_SOCKET, SO_ATTACH_FILTER, &filter, sizeof filter) == 0;
 }
@@ -78,7 +108,7 @@ UdpmGuard guard_udpm_socket(const std::string& url) {
     for (const int fd : open_descriptors()) {
         if (!is_udp_on_port(fd, wanted.port)) continue;
         ++guard.sockets;
-        if (attach_fragment_filter(fd)) ++guard.filtered;
+        if (attach_packet_filter(fd)) ++guard.filtered;
         int size = 0;
         socklen_t length = sizeof size;
         if (getsockopt(fd, SOL_SOCKET, SO_RCVBUF, &size, &length) == 0) {
@@ -88,7 +118,7 @@ UdpmGuard guard_udpm_socket(const std::string& url) {
     }
     if (guard.sockets == 0 || guard.filtered < guard.sockets)
         log(Level::kWarn, "bus",
-            "no packet filter on the LCM socket: a malformed fragment can crash liblcm; keep the udp port "
+            "no packet filter on the LCM socket: a malformed packet can crash liblcm; keep the udp port "
             "closed to other hosts");
     constexpr long kEnough = 1 << 20;  // 1 MiB carried 30 Hz VGA colour and depth without loss
     if (guard.recv_buffer && *guard.recv_buffer < wanted.recv_buf_size.value_or(kEnough))

@@ -268,7 +268,7 @@ TEST_F(UdpmBus, SurvivesMalformedDatagrams) {
     Listener listener;
     ASSERT_TRUE(bus.subscribe("A", 100, listener.handler()));
     const std::string a("A\0", 2);
-    const std::vector<Bytes> packets = {
+    std::vector<Bytes> packets = {
         {},
         {0x4c},
         {0x4c, 0x43, 0x30, 0x32, 0, 0, 0, 1},
@@ -286,7 +286,16 @@ TEST_F(UdpmBus, SurvivesMalformedDatagrams) {
         fragment(6, 100, 0xfffffff0, 1, 3, ""),
         fragment(6, 100, 0xffffffff, 2, 3, ""),
         fragment(7, 100, 90, 1, 2, ""),
+        fragment(8, 100, 0, 0, 2, ""),                // channel not terminated
+        fragment(9, 100, 0, 0, 2, std::string(200, 'A')),
     };
+    // Cut anywhere, behind a whole one whose bytes liblcm still has in its buffer.
+    for (std::size_t size = 8; size < 40; ++size) {
+        packets.push_back(fragment(10, 100, 0, 0, 2, a));
+        packets.push_back(Bytes(packets.back().begin(), packets.back().begin() + static_cast<std::ptrdiff_t>(size)));
+        packets.push_back(fragment(10, 100, 0, 1, 2, a));
+        packets.back().resize(size);
+    }
     const int sender = socket(AF_INET, SOCK_DGRAM, 0);
     sockaddr_in group{};
     group.sin_family = AF_INET;

@@ -8,6 +8,7 @@
 #include <teres/channel_health_t.hpp>
 #include <teres/cut_t.hpp>
 #include <teres/device_health_t.hpp>
+#include <teres/gap_t.hpp>
 #include <teres/header_t.hpp>
 #include <teres/health_t.hpp>
 #include <teres/image_t.hpp>
@@ -16,6 +17,7 @@
 #include <teres/markers_t.hpp>
 #include <teres/pedal_t.hpp>
 #include <teres/tool_loads_t.hpp>
+#include <teres/tracking_t.hpp>
 #include <teres/unit_health_t.hpp>
 #include <vector>
 
@@ -48,7 +50,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const std::uint8_t type = data[0];
     ++data;
     --size;
-    switch (type % 14) {
+    switch (type % 16) {
         case 0:
             decode<teres::markers_t>(data, size);
             break;
@@ -87,6 +89,12 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
             break;
         case 12:
             decode<teres::cut_t>(data, size);
+            break;
+        case 13:
+            decode<teres::gap_t>(data, size);
+            break;
+        case 14:
+            decode<teres::tracking_t>(data, size);
             break;
         default:
             decode<teres::header_t>(data, size);
