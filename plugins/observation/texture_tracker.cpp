@@ -8,13 +8,14 @@
 namespace teres {
 namespace {
 
-constexpr int kPyramidLevels = 3;
+constexpr int kPyramidLevels = 2;
 const cv::Size kFlowWindow(21, 21);
+constexpr double kGrain_px = 1.0;          // finer than this is noise of the sensor
 constexpr double kLocal_px = 10.0;         // the local mean reaches so far
 constexpr double kAgree_px = 3.0;          // between the flow from the frame before and that from the start
 constexpr int kMaxUnconfirmed = 15;        // frames
 constexpr std::size_t kMinFeatures = 8, kMinNeighbours = 5;
-constexpr double kMaxPatchError = 14.0;    // mean grey difference of two patches of the same place
+constexpr double kMaxPatchError = 24.0;    // mean grey difference of two patches of the same place
 
 cv::Point2f cv_point(const Pixel& p) {
     return {static_cast<float>(p.u), static_cast<float>(p.v)};
@@ -27,6 +28,7 @@ std::vector<cv::Mat> view_of(const cv::Mat& grey) {
     cv::Mat log_view, mean, view;
     grey.convertTo(log_view, CV_32F, 1.0, 6.0);  // darker than 6 the logarithm flattens: noise stays small
     cv::log(log_view, log_view);
+    cv::GaussianBlur(log_view, log_view, cv::Size(), kGrain_px);
     cv::GaussianBlur(log_view, mean, cv::Size(), kLocal_px);
     cv::Mat(log_view - mean).convertTo(view, CV_8U, 200.0, 128.0);
     std::vector<cv::Mat> pyramid;

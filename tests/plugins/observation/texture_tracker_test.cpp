@@ -92,11 +92,11 @@ TEST(TextureTracker, FollowsTheMaterialWithoutDriftAndLosesWhatIsHidden) {
     std::printf("%zu features, error median %.2f mm, 95th percentile %.2f mm, first second %.2f, last %.2f; visible reported %.0f %%, hidden reported %d of %d\n",
                 truth.size(), 1e3 * median, 1e3 * p95, 1e3 * early, 1e3 * late, 100.0 * visible_reported / visible, hidden_reported, hidden);
     EXPECT_GE(truth.size(), 20u);
-    EXPECT_LT(median, 8e-4);
+    EXPECT_LT(median, 6e-4);
     EXPECT_LT(p95, 2.5e-3);
     EXPECT_LT(late, early + 4e-4) << "drift";
-    EXPECT_GT(visible_reported, 0.4 * visible);
-    EXPECT_LT(hidden_reported, 0.1 * hidden);
+    EXPECT_GT(visible_reported, 0.5 * visible);
+    EXPECT_LT(hidden_reported, 0.02 * hidden);
 }
 
 }  // namespace
