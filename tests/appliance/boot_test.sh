@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # Level 4: the package, installed into a throw-away copy of this machine's root (overlay), boots under systemd (nspawn). The
-# service must be ready, and back within the limit after a kill, a crash and a hang. Usage: boot_test.sh TERES.deb
+# service must be ready, and back within the limit after a kill, a crash and a hang. Usage: boot_test.sh TERES.deb | BUILD_FOLDER
 # Needs root, overlayfs and systemd-nspawn; says so and ends with 77 where one is missing.
 set -euo pipefail
-deb=$(readlink -f "$1")
+given=$(readlink -f "$1")
 limit_ms=${TERES_BACK_WITHIN_MS:-2000}
 missing() { echo "SKIPPED LOUDLY: $*"; exit 77; }
 [ "$(id -u)" = 0 ] || missing "not root"
@@ -16,6 +16,11 @@ cleanup() {
 }
 trap cleanup EXIT
 mkdir "$work/disk" "$work/out"
+deb=$given
+if [ -d "$given" ]; then
+    (cd "$given" && cpack -B "$work/package" >"$work/cpack" 2>&1) || { cat "$work/cpack"; exit 1; }
+    deb=$(ls "$work"/package/teres_*.deb)
+fi
 mount -t tmpfs tmpfs "$work/disk" || missing "no tmpfs"
 mkdir "$work/disk/up" "$work/disk/work" "$work/disk/root"
 mount -t overlay overlay -o "lowerdir=/,upperdir=$work/disk/up,workdir=$work/disk/work" "$work/disk/root" || missing "no overlayfs"
