@@ -208,9 +208,12 @@ void put(json& to, const device_health_t& m) {
     to["detail"] = m.detail;
     to["age_s"] = m.age_s;
     to["rate_hz"] = m.rate_hz;
+    to["received"] = m.received;
     to["lost"] = m.lost;
     to["damaged"] = m.damaged;
     to["recoveries"] = m.recoveries;
+    to["usb_mbps"] = m.usb_mbps;
+    to["temperature_c"] = m.temperature_c;
 }
 
 void put(json& to, const pedal_t& m) {
