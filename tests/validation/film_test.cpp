@@ -273,10 +273,12 @@ double inner_error_m(const Case& c, const std::string& file) {
     return sum / static_cast<double>(std::max<std::size_t>(1, count));
 }
 
-// Three of the 14 markers, with and without the depth surface: frames to inner points. Three quarters of a minute: ctest -L long.
-TEST(Film, DISABLED_SurfacePointsMendWhatFewMarkersLeaveOpen) {
-    const test::ScratchFolder scratch;
-    const std::string out = filmed(scratch, {"--seconds", "4.8", "--rate", "2.5"});
+// Three of the 14 markers, with and without the depth surface; no marker at all, but texture: frames to inner points. More than a
+// minute: ctest -L long.
+TEST(Film, DISABLED_SurfaceOrTextureMendWhatFewMarkersLeaveOpen) {
+    const test::ScratchFolder scratch, bare;
+    const std::string marked = filmed(scratch, {"--seconds", "4.8", "--rate", "2.5"});
+    const std::string textured = filmed(bare, {"--seconds", "4.8", "--rate", "2.5", "--markers", "none", "--texture", "2"});
     auto c = read_case(demo_case());
     ASSERT_TRUE(c);
     c->markers = {c->markers[2], c->markers[6], c->markers[11]};
@@ -284,7 +286,7 @@ TEST(Film, DISABLED_SurfacePointsMendWhatFewMarkersLeaveOpen) {
         return std::ranges::none_of(c->markers, [&](const MarkerRest& m) { return m.id == row.id; });
     });
     ASSERT_TRUE(write_case(*c, scratch.path() / "few"));
-    const auto error_mm = [&](const std::string& name, const std::vector<std::string>& options) {
+    const auto error_mm = [&](const std::string& name, const std::string& out, const std::vector<std::string>& options) {
         std::vector<std::string> words{"replay", out + "/recording.lcm", "--case", (scratch.path() / "few").string(), "--speed", "0", "--set",
                                        "service.plugins=observation,simulation,estimator", "--set",
                                        "service.record_to=" + out + "/" + name + ".lcm"};
@@ -295,8 +297,9 @@ TEST(Film, DISABLED_SurfacePointsMendWhatFewMarkersLeaveOpen) {
         std::printf("%-8s %.2f mm\n", name.c_str(), mm);
         return mm;
     };
-    const double few = error_mm("few", {}), surface = error_mm("surface", {"observation.surface_points=200", "estimator.surface=true"});
-    EXPECT_LT(surface, 0.9 * few);
+    const double few = error_mm("few", marked, {});
+    EXPECT_LT(error_mm("surface", marked, {"observation.surface_points=200", "estimator.surface=true"}), 0.9 * few);
+    EXPECT_LT(error_mm("texture", textured, {"observation.features=texture", "estimator.surface=true"}), 0.9 * few);
 }
 
 class AugmentedView : public ::testing::Test {
