@@ -29,7 +29,7 @@ using Clock = std::chrono::steady_clock;
 
 struct BenchOptions {
     int tetrahedra = 7500, unknowns = 8, threads = 2, frames = 150;
-    std::string law = "stvk", json_file, plot_folder, case_folder;
+    std::string law = "stvk", element = "nodal_blend", json_file, plot_folder, case_folder;
     double relative_residual = 1e-4;
     bool scaling = false;
 };
@@ -90,6 +90,7 @@ void plan_cut(Recording& r, const CaseModel& model) {
 CaseModelSettings model_settings(const BenchOptions& options, int lanes) {
     CaseModelSettings settings;
     settings.max_lanes = lanes;
+    settings.element = options.element == "linear" ? ElementType::kLinear : ElementType::kNodalBlend;
     settings.threads = options.threads;
     settings.ligament.num_groups = options.unknowns;
     settings.equilibrium.relative_residual = options.relative_residual;
@@ -373,8 +374,9 @@ Result<int> write_recording(const Recording& recording, const std::string& folde
 }
 
 Result<int> bench(const BenchOptions& options) {
-    fmt::print("recording: {} frames at 30 Hz, about {} tetrahedra ({}), {} unknowns, residual {:g}\n",
-               options.frames, options.tetrahedra, options.law, options.unknowns, options.relative_residual);
+    fmt::print("recording: {} frames at 30 Hz, about {} tetrahedra ({}, {}), {} unknowns, residual {:g}\n",
+               options.frames, options.tetrahedra, options.law, options.element, options.unknowns,
+               options.relative_residual);
     TERES_TRY_ASSIGN(const Recording recording, make_recording(options));
     if (!options.case_folder.empty()) return write_recording(recording, options.case_folder);
     TERES_TRY_ASSIGN(const FilterRun filter, run_filter(recording, options));
@@ -402,6 +404,7 @@ Result<int> bench(const BenchOptions& options) {
              {"sigma_points", filter.unknowns + 1},
              {"threads", options.threads},
              {"law", options.law},
+             {"element", options.element},
              {"frames_timed", filter.timed},
              {"relative_residual", options.relative_residual},
              {"filter_step_ms_median", step.p50},
@@ -480,6 +483,10 @@ void add_bench_command(CLI::App& app, int& exit_code) {
         ->capture_default_str();
     verb->add_option("--law", options->law, "material of the body")
         ->check(CLI::IsMember({"stvk", "ogden"}))
+        ->capture_default_str();
+    verb->add_option("--element", options->element,
+                     "linear: plain linear tetrahedra, as in the paper; nodal_blend: the default, does not lock")
+        ->check(CLI::IsMember({"nodal_blend", "linear"}))
         ->capture_default_str();
     verb->add_option("--residual", options->relative_residual,
                      "a step ends when |residual| <= this * |applied force|")
