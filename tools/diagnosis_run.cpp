@@ -9,6 +9,7 @@
 #include <unordered_map>
 
 #include "core/case/case_reader.h"
+#include "core/case/frame_times.h"
 #include "core/case/geometry.h"
 #include "core/extensions/gap_diagnosis.h"
 #include "core/session.h"
@@ -119,6 +120,9 @@ Status check(const Case& c, const std::string& folder) {
     return {};
 }
 
+// A dynamic recording is fitted on its beginning: what happens shows there, and every frame costs a simulated step.
+constexpr std::size_t kBeginning = 48;  // frames
+
 // One recording inside its own session.
 struct Hosted {
     Case data;
@@ -129,20 +133,22 @@ struct Hosted {
     std::uint64_t hash = 0;
 };
 
-Result<Hosted> host(const std::string& folder, Config config, bool first, const std::string& settings) {
+Result<Hosted> host(const std::string& folder, Config config, bool first, const std::string& settings,
+                    std::size_t frames_wanted = 0) {
     Hosted h;
     TERES_TRY_ASSIGN(h.data, read_case(folder));
     TERES_TRY(check(h.data, folder));
     for (const std::string& assignment :
          {std::string("service.bus_url=memq://"), "service.case=" + folder, std::string("service.drivers="),
           std::string(first ? "service.plugins=simulation,sensor_model,diagnosis" : "service.plugins=simulation,sensor_model"),
-          std::string("service.health_period_s=0"), std::string("simulation.trajectories=true")})
+          std::string("service.health_period_s=0"), std::string("simulation.trajectories=true"),
+          "simulation.trajectory_frames=" + std::to_string(frames_wanted)})
         TERES_TRY(config.set(assignment, "teres diagnose"));
     TERES_TRY_ASSIGN(h.session, Session::open(config));
     TERES_TRY(h.session->start());
     h.mechanics = h.session->extension<TrajectoryModel>();
     h.sensors = h.session->extension<ObservationModel>();
-    if (h.mechanics == nullptr) return host_fault("the plugins offer no teres.trajectory_model/1");
+    if (h.mechanics == nullptr) return host_fault("the plugins offer no teres.trajectory_model/2");
 
     const std::size_t markers = h.mechanics->num_markers(), frames = h.mechanics->num_frames();
     h.observed_m.assign(3 * markers * frames, std::numeric_limits<double>::quiet_NaN());
@@ -173,20 +179,29 @@ std::string default_cache_folder() {
 
 Result<DiagnosisRun> diagnose_cases(const std::vector<std::string>& case_folders, const Config& config,
                                     const DiagnosisRunOptions& options) {
-    std::vector<Hosted> hosted;
+    std::vector<Hosted> hosted, whole;  // whole: of long dynamic recordings
     for (const std::string& folder : case_folders) {
-        TERES_TRY_ASSIGN(Hosted one, host(folder, config, hosted.empty(), options.settings_text));
+        TERES_TRY_ASSIGN(const Case c, read_case(folder));
+        const bool long_motion = !c.quasi_static && frame_times(c).size() > kBeginning;
+        TERES_TRY_ASSIGN(Hosted one, host(folder, config, hosted.empty(), options.settings_text, long_motion ? kBeginning : 0));
         if (!hosted.empty() && body_hash(one.data) != body_hash(hosted.front().data))
             return invalid_input(folder + ": not the body of " + case_folders.front() +
                                  " (mesh, material or supports differ); recordings of one diagnosis must show one body");
         hosted.push_back(std::move(one));
+        whole.emplace_back();
+        if (long_motion && !options.plan_only) {
+            TERES_TRY_ASSIGN(whole.back(), host(folder, config, false, options.settings_text));
+        }
     }
     auto* diagnosis = hosted.front().session->extension<GapDiagnosis>();
-    if (diagnosis == nullptr) return host_fault("the plugins offer no teres.gap_diagnosis/1");
+    if (diagnosis == nullptr) return host_fault("the plugins offer no teres.gap_diagnosis/2");
 
     std::vector<GapRecording> recordings;
-    for (const Hosted& h : hosted)
-        recordings.push_back({h.data.name.c_str(), h.mechanics, h.sensors, h.observed_m, h.data.sensor.noise_sigma_m, h.hash});
+    for (std::size_t k = 0; k < hosted.size(); ++k) {
+        const Hosted& h = hosted[k];
+        recordings.push_back({h.data.name.c_str(), h.mechanics, h.sensors, h.observed_m, h.data.sensor.noise_sigma_m, h.hash,
+                              whole[k].mechanics, whole[k].sensors, whole[k].observed_m});
+    }
     std::vector<const char*> excluded;
     for (const std::string& id : options.excluded) excluded.push_back(id.c_str());
     GapRequest request{recordings, excluded, options.cache_folder.c_str(), options.plan_only, options.max_effects,
@@ -200,7 +215,8 @@ Result<DiagnosisRun> diagnose_cases(const std::vector<std::string>& case_folders
     if (code != 0) return tl::unexpected(Error{static_cast<ErrorKind>(code), diagnosis->error()});
 
     DiagnosisRun run{diagnosis->gap_json(), diagnosis->report_json(), {}, {}, {}};
-    const TrajectoryModel& model = *hosted.front().mechanics;
+    const Hosted& all = whole.front().mechanics != nullptr ? whole.front() : hosted.front();
+    const TrajectoryModel& model = *all.mechanics;
     for (std::size_t f = 0; f < model.num_frames(); ++f) run.time_s.push_back(model.time_s(f));
     for (std::size_t p = 0; p < model.num_points(); ++p) run.point_id.push_back(model.point_id(p));
     run.points_m.assign(diagnosis->points_m().begin(), diagnosis->points_m().end());

@@ -18,6 +18,11 @@ struct GapRecording {
     std::span<const double> observed_m;    ///< 3 markers x frames, layout of TrajectoryModel; NaN: lost
     double noise_sigma_m;                  ///< stated, per axis
     std::uint64_t body_hash;               ///< of mesh, law, supports and markers: names the cache
+
+    // A long dynamic recording is fitted on its beginning (the models above); these are of all of it. Null: those above are.
+    TrajectoryModel* whole_mechanics = nullptr;
+    const ObservationModel* whole_sensors = nullptr;
+    std::span<const double> whole_observed_m{};
 };
 
 struct GapRequest {
@@ -32,7 +37,7 @@ struct GapRequest {
 
 class GapDiagnosis {
   public:
-    static constexpr const char* kId = "teres.gap_diagnosis/1";
+    static constexpr const char* kId = "teres.gap_diagnosis/2";
 
     /// [setup] 0, or an exit code of the commands (1 not usable, 2 bad input); then error() says why.
     virtual std::int32_t diagnose(const GapRequest& request) noexcept = 0;
@@ -41,7 +46,7 @@ class GapDiagnosis {
     // [setup] After diagnose() returned 0; valid until the next call.
     virtual const char* gap_json() const noexcept = 0;     ///< "teres-gap-1" (plan_only: "teres-plan-1")
     virtual const char* report_json() const noexcept = 0;  ///< what the report draws: "teres-gap-report-1"
-    /// Validation points of the first recording with the named effects added: f * 3 P + 3 p + a.
+    /// Validation points of the first recording (all of it) with the named effects added: f * 3 P + 3 p + a.
     virtual std::span<const double> points_m() const noexcept = 0;
 
   protected:

@@ -29,12 +29,17 @@ struct NominalParameter {
 
 class TrajectoryModel : public EffectCatalogue {
   public:
-    static constexpr const char* kId = "teres.trajectory_model/1";
+    static constexpr const char* kId = "teres.trajectory_model/2";
 
     virtual std::size_t num_parameters() const noexcept = 0;
     virtual NominalParameter parameter(std::size_t index) const noexcept = 0;
     virtual std::size_t num_frames() const noexcept = 0;
     virtual double time_s(std::size_t frame) const noexcept = 0;
+    /// The body has inertia: a frame follows from those before it, and every frame is played.
+    virtual bool dynamic() const noexcept { return false; }
+    /// Until the next call only so many frames from the first are simulated, later ones repeat the last of them; 0: all.
+    /// For trial fits of a beginning; models without inertia may ignore it.
+    virtual void set_horizon(std::size_t) noexcept {}
     virtual std::size_t num_markers() const noexcept = 0;
     virtual std::int32_t marker_id(std::size_t index) const noexcept = 0;
     virtual std::size_t num_points() const noexcept = 0;  ///< validation points: only ever predicted

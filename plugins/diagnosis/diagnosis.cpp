@@ -17,6 +17,7 @@ constexpr double kNearlyAll = 0.97;       // explained: nothing is left for one 
 constexpr double kOutOfReach = 15.0;      // nats between a fitted cause and the screening of one that need not be fitted
 constexpr double kFarTheta = 1.5;         // prior standard deviations from the prior at which a refit starts at most
 constexpr double kLeastExplained = 0.02;  // of the nominal cost, by first order: less is not worth a fit
+constexpr double kLeastEarly = 0.1;       // ... of the cost of the beginning of a dynamic recording
 constexpr double kLateRatio = 3.0;  // mean square of the unfitted end over that of the fitted part: something happens late
 
 Simulator::Progress stage(const DiagnosisOptions& options, const char* name) {
@@ -57,7 +58,7 @@ struct Problem {
     ErrorFloor floor{};
 
     Fit fit(const Assumption& start, int iterations, bool robust = false) {
-        return fit_jointly(simulator, whitener, recording.observed, start, {iterations, 0.01, robust});
+        return fit_jointly(simulator, whitener, recording.observed, start, {.max_iterations = iterations, .growing = simulator.mechanics().dynamic(), .robust = robust});
     }
     /// Every frame simulated, exact derivatives: the base of a search.
     void complete(Fit& fit) { teres::complete(simulator, whitener, recording.observed, fit); }
@@ -190,27 +191,65 @@ std::vector<std::size_t> worth_refitting(const Screening& screening, std::size_t
     return chosen;
 }
 
+// Where first order does not reach (a phase that runs away), each mechanical effect is fitted to the beginning (a quarter,
+// then half) and ranked by what it explains there; its values there are where its refit starts.
+Screening try_beginnings(Problem& problem, const Fit& base, const Cause* known, Screening screening) {
+    const auto fit_first = [&](std::size_t share, const Assumption& start, int iterations) {
+        return fit_jointly(problem.simulator, problem.whitener, problem.recording.observed, start,
+                           {.max_iterations = iterations, .num_frames = problem.recording.num_frames / share});
+    };
+    const double before = fit_first(2, base.at, 3).cost;
+    for (std::size_t k = 0; k < screening.effects.size(); ++k) {
+        EffectScreening& effect = screening.effects[k];
+        if (problem.simulator.effects()[effect.entry].sensor || effect.explained < kLeastEarly) continue;
+        Assumption start = base.at;
+        start.effects.push_back(effect.start);
+        Fit fit = fit_first(4, start, 3);
+        if (fit.usable) fit = fit_first(2, fit.at, 3);
+        if (!fit.usable) continue;
+        effect.explained = 1.0 - fit.cost / before;
+        effect.start = fit.at.effects.back();
+        stage(problem.options, known == nullptr ? "trying effects" : "trying further effects")(
+            static_cast<double>(k + 1) / static_cast<double>(screening.effects.size()));
+    }
+    std::stable_sort(screening.effects.begin(), screening.effects.end(),
+                     [](const auto& a, const auto& b) { return a.explained > b.explained; });
+    return screening;
+}
+
 // Screens all effects on top of `known` (null: nothing) and refits the best.
 std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* known, Screening& screening) {
     const DiagnosisOptions& options = problem.options;
     Fit base = known != nullptr ? known->fit : nominal;
     if (known != nullptr) problem.complete(base);  // the nominal fit is complete, and the simulator's base
-    screening = screen(problem.simulator, problem.whitener, problem.floor, base, options.calibration,
-                       known != nullptr ? known->entries : std::vector<std::size_t>{},
-                       stage(options, known == nullptr ? "screening effects" : "screening further effects"));
+    const Signatures all = signatures(problem.simulator, base, known != nullptr ? known->entries : std::vector<std::size_t>{},
+                                      stage(options, known == nullptr ? "screening effects" : "screening further effects"));
+    const std::size_t frames = problem.recording.num_frames;
+    const auto screen_first = [&](std::size_t num_frames) {
+        return screen(problem.simulator, all, problem.whitener, problem.floor, base, options.calibration, num_frames);
+    };
+    screening = screen_first(frames);
     std::vector<Cause> causes;
-    const auto chosen = known == nullptr
-                            ? worth_refitting(screening, static_cast<std::size_t>(options.num_refits) - 2, 2)
-                            : worth_refitting(screening, 2, 1);
+    std::vector<EffectScreening> chosen;
+    const auto choose = [&](const Screening& from, std::size_t by_score, std::size_t by_share) {
+        for (const std::size_t k : worth_refitting(from, by_score, by_share))
+            if (std::none_of(chosen.begin(), chosen.end(), [&](const auto& c) { return c.entry == from.effects[k].entry; }))
+                chosen.push_back(from.effects[k]);
+    };
+    if (problem.simulator.mechanics().dynamic()) choose(try_beginnings(problem, base, known, screen_first(frames / 4)), 3, 1);
+    if (known == nullptr)
+        choose(screening, static_cast<std::size_t>(options.num_refits) - 2, 2);
+    else
+        choose(screening, 2, 1);
     const auto settled = [&](std::size_t next) {  // rivals from `next` on are out of the best one's reach
         const auto best = std::max_element(causes.begin(), causes.end(),
                                            [](const Cause& a, const Cause& b) { return a.score < b.score; });
-        const double lead = best->score - screening.effects[chosen[next]].score;
+        const double lead = best->score - chosen[next].score;
         return lead > 2.0 * kOutOfReach || (lead > kOutOfReach && best->fit.cost < problem.floor.total());
     };
     for (std::size_t k = 0; k < chosen.size(); ++k) {
         if (causes.size() >= 2 && settled(k)) continue;
-        causes.push_back(refit(problem, nominal, known, screening.effects[chosen[k]], known == nullptr ? 8 : 6));
+        causes.push_back(refit(problem, nominal, known, chosen[k], known == nullptr ? 8 : 6));
         score(problem, nominal, known, causes.back());
         stage(options, known == nullptr ? "fitting the best effects" : "fitting further effects")(
             static_cast<double>(k + 1) / static_cast<double>(chosen.size()));
@@ -237,6 +276,39 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* kno
     return causes;
 }
 
+// All of a recording of which only the beginning is fitted, for predictions.
+GapRecording whole_of(GapRecording recording) {
+    if (recording.whole_mechanics == nullptr) return recording;
+    recording.mechanics = recording.whole_mechanics;
+    recording.sensors = recording.whole_sensors;
+    recording.observed_m = recording.whole_observed_m;
+    return recording;
+}
+
+// A recording as far as it goes under assumptions that were fitted elsewhere or on its beginning.
+struct Forecast {
+    Recording recording;
+    Simulator simulator;
+    std::vector<std::pair<Assumption, Eigen::VectorXd>> known{};
+
+    static Result<Forecast> make(const GapRecording& from, const EffectTable& effects) {
+        const GapRecording all = whole_of(from);
+        TERES_TRY_ASSIGN(Recording recording, make_recording(all));
+        if (from.whole_mechanics != nullptr) recording.hold_out_frames(from.mechanics->num_frames());
+        return Forecast{std::move(recording), Simulator(*all.mechanics, all.sensors, effects)};
+    }
+    const Eigen::VectorXd& operator()(const Assumption& at, std::vector<double>* points_m = nullptr) {
+        for (const auto& [assumption, trajectory] : known)
+            if (points_m == nullptr && assumption.theta == at.theta && assumption.effects == at.effects) return trajectory;
+        known.emplace_back(at, Eigen::VectorXd{});
+        simulator.simulate(at, known.back().second, points_m, nullptr);
+        return known.back().second;
+    }
+    double rms_m(const Assumption& at) {
+        return gap_rms_m(recording.observed, (*this)(at), recording.seen_rows(), recording.noise_m);
+    }
+};
+
 // What carries over to another recording of the body: not what happened once, and not the camera.
 Assumption lasting(const EffectTable& effects, const Assumption& from) {
     Assumption out{from.theta, {}};
@@ -246,30 +318,25 @@ Assumption lasting(const EffectTable& effects, const Assumption& from) {
 }
 
 // Other recordings of the body predicted with what `here` taught, and `here` predicted with the named effects fitted there.
-Result<std::vector<Transfer>> transfer(Problem& here, const Fit& nominal, const Fit& named,
+Result<std::vector<Transfer>> transfer(Problem& here, Forecast& forecast_here, const Fit& nominal, const Fit& named,
                                        std::span<const GapRecording> recordings, const EffectTable& effects) {
     std::vector<Transfer> out;
-    const auto rms = [](Simulator& simulator, const Recording& recording, const Assumption& assumption) {
-        Eigen::VectorXd trajectory;
-        simulator.simulate(assumption, trajectory);
-        return gap_rms_m(recording.observed, trajectory, recording.seen_rows(), recording.noise_m);
-    };
+    const std::string& name = here.recording.name;
     for (std::size_t k = 1; k < recordings.size(); ++k) {
         stage(here.options, "other recordings")(static_cast<double>(k - 1) / static_cast<double>(recordings.size() - 1));
+        TERES_TRY_ASSIGN(Forecast forecast_there, Forecast::make(recordings[k], effects));
         TERES_TRY_ASSIGN(Recording other, make_recording(recordings[k]));
+        out.push_back({name, other.name, forecast_there.rms_m(nominal.at), forecast_there.rms_m(lasting(effects, named.at))});
         other.fit_rows = other.seen_rows();
         Simulator simulator(*recordings[k].mechanics, recordings[k].sensors, effects);
-        out.push_back({here.recording.name, other.name, rms(simulator, other, nominal.at),
-                       rms(simulator, other, lasting(effects, named.at))});
         Problem there{simulator, other, here.options, {}, {}};
         there.discrepancy.columns.resize(static_cast<Eigen::Index>(simulator.num_rows()), 0);
         Eigen::VectorXd motion;
         simulator.simulate(nominal.at, motion);
         there.whitener = whitener_for(other, there.discrepancy, motion, here.options.calibration);
         const Fit plain = there.fit(nominal.at, 4, true), full = there.fit(lasting(effects, named.at), 4);
-        if (!plain.usable || !full.usable) continue;
-        out.push_back({other.name, here.recording.name, rms(here.simulator, here.recording, plain.at),
-                       rms(here.simulator, here.recording, full.at)});
+        if (plain.usable && full.usable)
+            out.push_back({other.name, name, forecast_here.rms_m(plain.at), forecast_here.rms_m(full.at)});
     }
     return out;
 }
@@ -321,42 +388,49 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     out.verdict = judge(std::move(causes), out.nominal.cost, problem.floor, options.calibration);
     out.significant = out.verdict.none_probability < 0.5;
 
-    // Where it lies and how far it closes on what was held out.
+    // Where it lies.
     const Cause* named = out.named();
-    const auto seen = out.recording.seen_rows();
+    const Fit& best = named != nullptr ? named->fit : out.nominal;
     simulator.simulate(out.nominal.at, out.nominal.trajectory, nullptr, &out.nodes_before_m);
-    out.gap_m = gap_rms_m(out.recording.observed, out.nominal.trajectory, seen, 0.0);
+    out.gap_m = gap_rms_m(out.recording.observed, out.nominal.trajectory, out.recording.seen_rows(), 0.0);
     out.error_floor = problem.floor;
     out.floor_m = std::sqrt(3.0 * problem.floor.total() / problem.whitener.inverse_sigma().squaredNorm());
     out.where = locate(simulator, problem.whitener, out.recording, out.nominal, out.significant ? named : nullptr,
                        out.significant);
-    const auto ladder_step = [&](const std::vector<std::size_t>& entries, const Eigen::VectorXd& trajectory) {
+    simulator.simulate(best.at, out.after, nullptr, &out.nodes_after_m);
+
+    // How far it closes on what was held out.
+    stage(options, "held-out data")(0.0);
+    TERES_TRY_ASSIGN(Forecast forecast, Forecast::make(recordings[0], effects));
+    if (recordings[0].whole_mechanics == nullptr) forecast.recording = out.recording;
+    const Recording& all = out.predicted = forecast.recording;
+    const Eigen::VectorXd before = forecast(out.nominal.at);
+    forecast(best.at, &out.points_m);
+    const auto ladder_step = [&](const std::vector<std::size_t>& entries, const Fit& fit) {
         out.ladder.push_back(
             {ids(effects, entries),
-             gap_rms_m(out.recording.observed, trajectory, out.recording.fit_rows, out.recording.noise_m),
-             gap_rms_m(out.recording.observed, trajectory, out.recording.held_rows, out.recording.noise_m)});
+             gap_rms_m(out.recording.observed, fit.trajectory, out.recording.fit_rows, out.recording.noise_m),
+             gap_rms_m(all.observed, forecast(fit.at), all.held_rows, all.noise_m)});
     };
-    ladder_step({}, out.nominal.trajectory);
+    ladder_step({}, out.nominal);
     if (named != nullptr)
         for (std::size_t k = 1; k <= named->entries.size(); ++k)
             for (const Cause& cause : out.verdict.causes)
                 if (cause.fit.usable && cause.entries == std::vector<std::size_t>(named->entries.begin(),
                                                                                   named->entries.begin() + static_cast<std::ptrdiff_t>(k)))
-                    ladder_step(cause.entries, cause.fit.trajectory);
-    const Fit& best = named != nullptr ? named->fit : out.nominal;
-    simulator.simulate(best.at, out.after, &out.points_m, &out.nodes_after_m);
-    out.shrinkage = shrinkage(out.recording, out.recording.held_rows, out.nominal.trajectory, out.after);
+                    ladder_step(cause.entries, cause.fit);
+    out.shrinkage = shrinkage(all, all.held_rows, before, forecast(best.at));
     for (const Cause& cause : out.verdict.causes) {
         if (named == nullptr || !cause.fit.usable || cause.entries.size() != 1) continue;
         const auto family = [&](std::size_t e) { return std::string_view(effects[e].info.family); };
         if (std::any_of(named->entries.begin(), named->entries.end(),
                         [&](std::size_t e) { return family(e) == family(cause.entries[0]); }))
             continue;
-        out.best_wrong = shrinkage(out.recording, out.recording.held_rows, out.nominal.trajectory, cause.fit.trajectory);
+        out.best_wrong = shrinkage(all, all.held_rows, before, forecast(cause.fit.at));
         out.best_wrong_effects = ids(effects, cause.entries);
         break;
     }
-    TERES_TRY_ASSIGN(out.transfers, transfer(problem, out.nominal, best, recordings, effects));
+    TERES_TRY_ASSIGN(out.transfers, transfer(problem, forecast, out.nominal, best, recordings, effects));
     out.next_experiment = next_experiment(effects, out.verdict, out.confusability, options.calibration, out.significant);
     out.discrepancy = std::move(problem.discrepancy);
     return out;
@@ -377,7 +451,8 @@ Result<Plan> plan(const GapRecording& from, const EffectTable& effects, const Di
     const Fit nominal = problem.fit(median, 0);
     const ErrorFloor floor = error_floor(problem.whitener, problem.discrepancy, nominal.J, recording.noise_m, options.calibration);
     Plan out{recording.name,
-             screen(simulator, problem.whitener, floor, nominal, options.calibration, {}, stage(options, "signatures")),
+             screen(simulator, signatures(simulator, nominal, {}, stage(options, "signatures")), problem.whitener, floor, nominal,
+                    options.calibration, recording.num_frames),
              {},
              floor};
     out.confusability = confusability(out.screening, nominal.J);

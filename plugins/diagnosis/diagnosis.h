@@ -59,6 +59,7 @@ struct Diagnosis {
     Verdict verdict;
     Fit nominal;
     Recording recording;
+    Recording predicted;  ///< what shrinkage and ladder are held out of: `recording`, or all of it if only its beginning was fitted
     Screening screening;
     Confusability confusability;
     Discrepancy discrepancy;

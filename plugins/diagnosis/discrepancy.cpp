@@ -97,7 +97,7 @@ Result<Discrepancy> discrepancy_of(Simulator& simulator, const std::filesystem::
         return out;
     }
     std::vector<std::int32_t> frames;
-    const std::size_t count = std::min(kFrames, simulator.num_frames());
+    const std::size_t count = model.dynamic() ? simulator.num_frames() : std::min(kFrames, simulator.num_frames());
     for (std::size_t k = 0; k < count; ++k)
         frames.push_back(static_cast<std::int32_t>(k * (simulator.num_frames() - 1) / std::max<std::size_t>(1, count - 1)));
     const auto channels = static_cast<Eigen::Index>(3 * simulator.num_markers());
@@ -129,7 +129,9 @@ Result<Discrepancy> discrepancy_of(Simulator& simulator, const std::filesystem::
             for (std::size_t k = 0; k < frames.size(); ++k)
                 difference.col(static_cast<Eigen::Index>(k)) -= nominal.segment(channels * frames[k], channels);
             all.conservativeResize(Eigen::NoChange, all.cols() + 1);
-            all.col(all.cols() - 1) = spread_in_time(difference, frames, nominal, channels);
+            all.col(all.cols() - 1) = count == simulator.num_frames()
+                                          ? Eigen::VectorXd(difference.reshaped())
+                                          : spread_in_time(difference, frames, nominal, channels);
         }
     }
     out.runs = static_cast<int>(all.cols());

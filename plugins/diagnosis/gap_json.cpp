@@ -153,7 +153,7 @@ Json to_json(const Diagnosis& d, const EffectTable& effects, const TrajectoryMod
     json["none_probability"] = d.verdict.none_probability;
     const Cause* named = d.named();
     json["shrinkage"] = {{"effects", named != nullptr ? names(effects, named->entries) : Json::array()},
-                         {"heldout", held_out_text(d.recording, model)}};
+                         {"heldout", held_out_text(d.predicted, model)}};
     json["shrinkage"].update(shrinkage_json(d.shrinkage));
     if (d.best_wrong) {
         json["shrinkage"]["best_wrong"] = {{"effects", d.best_wrong_effects}};

@@ -41,6 +41,32 @@ Eigen::MatrixXd derivative(Simulator& simulator, const FitSpace& space, const As
     return simulator.responses(others) * scale.asDiagonal();
 }
 
+// Only so many frames from the first while a fit looks at them alone.
+class Horizon {
+  public:
+    Horizon(Simulator& simulator, std::size_t num_frames) : simulator_(simulator) { simulator_.set_horizon(num_frames); }
+    ~Horizon() { simulator_.set_horizon(0); }
+    Horizon(const Horizon&) = delete;
+    Horizon& operator=(const Horizon&) = delete;
+
+  private:
+    Simulator& simulator_;
+};
+
+// A quarter of the recording, half of it, all of it: each fit starts where the one before ended.
+Fit fit_growing(Simulator& simulator, const Whitener& whitener, const Eigen::VectorXd& observed,
+                const Assumption& start, FitOptions options) {
+    options.growing = false;
+    Fit fit;
+    fit.at = start;
+    for (const std::size_t share : {4, 2, 1}) {
+        options.num_frames = simulator.num_frames() / share;
+        Fit longer = fit_jointly(simulator, whitener, observed, fit.at, options);
+        if (longer.usable || share == 1) fit = std::move(longer);
+    }
+    return fit;
+}
+
 }  // namespace
 
 Eigen::VectorXd Fit::stdev(double tempering) const {
@@ -51,11 +77,16 @@ Eigen::VectorXd Fit::stdev(double tempering) const {
 
 Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::VectorXd& observed,
                 const Assumption& start, const FitOptions& options) {
+    if (options.growing) return fit_growing(simulator, whitener, observed, start, options);
     const FitSpace space(simulator.mechanics(), simulator.effects(), start);
     const auto coordinates = [&](const Eigen::VectorXd& u) -> Eigen::VectorXd {
         return space.prior_mean() + space.prior_stdev().cwiseProduct(u);
     };
-    Eigen::VectorXd weight = Eigen::VectorXd::Ones(observed.size());
+    const Horizon horizon(simulator, options.num_frames);
+    Eigen::VectorXd used = Eigen::VectorXd::Ones(observed.size());
+    if (options.num_frames > 0)
+        used.tail(used.size() - static_cast<Eigen::Index>(3 * simulator.num_markers() * options.num_frames)).setZero();
+    Eigen::VectorXd weight = used;
     const auto weigh = [&](Fit& fit) {
         fit.residual = whitener(weight.cwiseProduct(zero_where_lost(observed - fit.trajectory)));
         fit.misfit = fit.residual.squaredNorm();
@@ -86,7 +117,7 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
     double damping = kDamping, growth = kGrowth;
     for (int iteration = 0; iteration < options.max_iterations && damping < kMaxDamping; ++iteration) {
         if (options.robust) {
-            weight = huber_roots(observed - best.trajectory);
+            weight = used.cwiseProduct(huber_roots(observed - best.trajectory));
             weigh(best);
         }
         if (!current) linearise(best);
@@ -118,7 +149,7 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
         }
     }
     if (options.robust) {  // every marker at full weight
-        weight.setOnes();
+        weight = used;
         weigh(best);
     }
     if (!current) linearise(best);

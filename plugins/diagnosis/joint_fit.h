@@ -16,6 +16,8 @@ namespace teres {
 struct FitOptions {
     int max_iterations = 8;
     double tolerance = 0.01;  ///< of the relative decrease of the cost
+    std::size_t num_frames = 0;  ///< only so many from the first; 0: all
+    bool growing = false;     ///< the beginning of the recording first: a phase must not be off by half a period
     bool robust = false;      ///< markers far off the rest lose weight (Huber), so that a slipped one does not bend the fit
 };
 

@@ -7,7 +7,6 @@ namespace teres {
 namespace {
 
 constexpr std::size_t kMinMarkers = 3, kMinFrames = 8;
-constexpr std::size_t kHeldShare = 6;    // one frame of six, at the end
 constexpr std::size_t kHeldMarkers = 5;  // one marker of five
 
 }  // namespace
@@ -19,8 +18,8 @@ std::vector<Eigen::Index> Recording::seen_rows() const {
     return rows;
 }
 
-void Recording::hold_out_frames() {
-    first_held_frame = num_frames - std::max<std::size_t>(1, num_frames / kHeldShare);
+void Recording::hold_out_frames(std::size_t first) {
+    first_held_frame = first;
     held_markers.clear();
     fit_rows.clear();
     held_rows.clear();

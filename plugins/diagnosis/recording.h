@@ -3,6 +3,7 @@
 
 #include <Eigen/Dense>
 #include <string>
+#include <algorithm>
 #include <vector>
 
 #include "core/extensions/gap_diagnosis.h"
@@ -23,10 +24,14 @@ struct Recording {
     std::size_t marker_of(Eigen::Index row) const { return static_cast<std::size_t>(row) % (3 * num_markers) / 3; }
     std::size_t frame_of(Eigen::Index row) const { return static_cast<std::size_t>(row) / (3 * num_markers); }
     /// Holds out the last sixth of the frames.
-    void hold_out_frames();
+    void hold_out_frames() { hold_out_frames(num_frames - std::max<std::size_t>(1, num_frames / kHeldShare)); }
+    /// Holds out this frame and those after it.
+    void hold_out_frames(std::size_t first);
     /// Holds out every fifth marker in all frames: for recordings in which something happens late.
     void hold_out_markers();
     std::vector<Eigen::Index> seen_rows() const;
+
+    static constexpr std::size_t kHeldShare = 6;  ///< one frame of six is held out, at the end
 };
 
 /// Errors (kInvalidInput): fewer than 3 markers or 8 frames, a marker that is never seen, stated noise not positive,

@@ -14,12 +14,6 @@ constexpr Eigen::Index kCountedAmplitudes = 6;
 constexpr std::int32_t kFewCandidates = 3;  // of a mechanical effect where each costs a whole simulation
 constexpr double kLeastShare = 0.05;  // of a candidate's amplitude: start of parameters that cannot be zero
 
-// One candidate: its place in the list of columns, one column per amplitude.
-struct Candidate {
-    std::size_t entry, index;
-    Eigen::Index first, count;
-};
-
 // A (I + J J^T)-weighted inner product without forming the matrix: <a, b> = a.b - (J'a)'(I + J'J)^-1 (J'b).
 class NuisanceMetric {
   public:
@@ -72,11 +66,10 @@ double occam_price(const Eigen::MatrixXd& S, std::size_t num_effects) {
     return 0.5 * values.tail(std::min(kCountedAmplitudes * static_cast<Eigen::Index>(num_effects), values.size())).cwiseMax(0.0).array().log1p().sum();
 }
 
-Screening screen(Simulator& simulator, const Whitener& whitener, const ErrorFloor& floor, const Fit& base,
-                 const Calibration& calibration,
-                 const std::vector<std::size_t>& skip, const Simulator::Progress& progress) {
+Signatures signatures(Simulator& simulator, const Fit& base, const std::vector<std::size_t>& skip,
+                      const Simulator::Progress& progress) {
     const EffectTable& table = simulator.effects();
-    std::vector<Candidate> candidates;
+    Signatures out;
     std::vector<Assumption> others;
     const bool expensive = !simulator.mechanics().first_order({}, {}, {});
     for (std::size_t e = 0; e < table.size(); ++e) {
@@ -86,8 +79,8 @@ Screening screen(Simulator& simulator, const Whitener& whitener, const ErrorFloo
         for (std::int32_t c = 0; c < table[e].info.num_candidates; c += stride) {
             const ActiveEffect full = table.candidate(e, static_cast<std::size_t>(c));
             const std::size_t amplitudes = table.num_amplitudes(e);
-            candidates.push_back({e, static_cast<std::size_t>(c), static_cast<Eigen::Index>(others.size()),
-                                  static_cast<Eigen::Index>(amplitudes)});
+            out.candidates.push_back({e, static_cast<std::size_t>(c), static_cast<Eigen::Index>(others.size()),
+                                      static_cast<Eigen::Index>(amplitudes)});
             for (std::size_t a = 0; a < amplitudes; ++a) {
                 Assumption other = base.at;
                 other.effects.push_back(table.single(full, a));
@@ -95,9 +88,20 @@ Screening screen(Simulator& simulator, const Whitener& whitener, const ErrorFloo
             }
         }
     }
-    const Eigen::MatrixXd G = whitener(simulator.responses(others, progress));
-    const NuisanceMetric metric(base.J);
-    const Eigen::VectorXd r = base.residual + base.J * base.u;  // at the prior mean of the nuisance
+    out.changes = simulator.responses(others, progress);
+    return out;
+}
+
+Screening screen(const Simulator& simulator, const Signatures& signatures, const Whitener& whitener,
+                 const ErrorFloor& all_frames, const Fit& base, const Calibration& calibration, std::size_t num_frames) {
+    const EffectTable& table = simulator.effects();
+    const auto end = static_cast<Eigen::Index>(3 * simulator.num_markers() * num_frames);
+    const auto used = std::lower_bound(whitener.rows().begin(), whitener.rows().end(), end) - whitener.rows().begin();
+    const double share = static_cast<double>(used) / static_cast<double>(whitener.size());
+    const ErrorFloor floor{share * all_frames.noise, share * all_frames.model};
+    const Eigen::MatrixXd G = whitener(signatures.changes).topRows(used), J = base.J.topRows(used);
+    const NuisanceMetric metric(J);
+    const Eigen::VectorXd r = base.residual.head(used) + J * base.u;  // at the prior mean of the nuisance
     const Eigen::MatrixXd weighted_G = metric.weigh(G);
     const Eigen::VectorXd weighted_r = metric.weigh(r);
 
@@ -109,7 +113,7 @@ Screening screen(Simulator& simulator, const Whitener& whitener, const ErrorFloo
         effect.entry = e;
         std::vector<double> scores;
         double best = -std::numeric_limits<double>::infinity();
-        for (const Candidate& c : candidates) {
+        for (const auto& c : signatures.candidates) {
             if (c.entry != e) continue;
             const ActiveEffect full = table.candidate(e, c.index);
             std::vector<std::size_t> amplitude;  // parameter of each column

@@ -40,9 +40,23 @@ double tail_price(const Eigen::VectorXd& a);
 /// independent a priori (an organ breathes in one direction with one wave form): the six largest directions of each count.
 double occam_price(const Eigen::MatrixXd& S, std::size_t num_effects = 1);
 
+/// First-order responses of all candidates about a base.
+struct Signatures {
+    struct Candidate {  ///< one column per amplitude
+        std::size_t entry, index;
+        Eigen::Index first, count;
+    };
+    std::vector<Candidate> candidates;
+    Eigen::MatrixXd changes;  ///< of full trajectories
+};
+
 /// `base` is the simulator's base (last simulate()); `skip`: entries already named.
-Screening screen(Simulator& simulator, const Whitener& whitener, const ErrorFloor& floor, const Fit& base,
-                 const Calibration& calibration,
-                 const std::vector<std::size_t>& skip, const Simulator::Progress& progress);
+Signatures signatures(Simulator& simulator, const Fit& base, const std::vector<std::size_t>& skip,
+                      const Simulator::Progress& progress);
+
+/// num_frames: only so many frames from the first count (all: that of the simulator). A phase that runs away is first
+/// order at the beginning only.
+Screening screen(const Simulator& simulator, const Signatures& signatures, const Whitener& whitener, const ErrorFloor& floor,
+                 const Fit& base, const Calibration& calibration, std::size_t num_frames);
 
 }  // namespace teres

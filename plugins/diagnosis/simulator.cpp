@@ -54,6 +54,13 @@ bool Simulator::simulate(const Assumption& assumption, Eigen::VectorXd& observed
     return keep(assumption, report, observed);
 }
 
+void Simulator::set_horizon(std::size_t num_frames) {
+    if (num_frames >= this->num_frames()) num_frames = 0;
+    if (num_frames != horizon_ && mechanics_.dynamic()) base_true_.resize(0);  // the base is that of another horizon
+    horizon_ = num_frames;
+    mechanics_.set_horizon(num_frames);
+}
+
 bool Simulator::approximate(const Assumption& assumption, Eigen::VectorXd& observed) {
     if (base_true_.size() > 0 && same_mechanics(base_, assumption)) return keep(assumption, base_report_, observed);
     base_true_.resize(static_cast<Eigen::Index>(rows_));

@@ -29,6 +29,8 @@ class Simulator {
     /// Also the validation points (3 P F) and all nodes (3 N F) where not null.
     bool simulate(const Assumption& assumption, Eigen::VectorXd& observed, std::vector<double>* points_m,
                   std::vector<double>* nodes_m);
+    /// Only so many frames from the first are simulated from now on (TrajectoryModel::set_horizon); 0: all.
+    void set_horizon(std::size_t num_frames);
     /// simulate() at a fraction of its cost (TrajectoryModel::approximate).
     bool approximate(const Assumption& assumption, Eigen::VectorXd& observed);
     /// First-order change of the observed trajectory when the base gives way to each of `others`.
@@ -50,6 +52,7 @@ class Simulator {
     const EffectTable& effects_;
     std::size_t rows_;
     std::vector<double> times_;
+    std::size_t horizon_ = 0;
     Assumption base_;
     TrajectoryReport base_report_;
     Eigen::VectorXd base_true_, base_observed_;

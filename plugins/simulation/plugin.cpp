@@ -1,5 +1,5 @@
 // Unit `simulation`: reads the case, offers teres.forward_model/1, teres.topology/1 and, if asked,
-// teres.trajectory_model/1. It has no messages of its own; whoever estimates or simulates calls the interface and publishes.
+// teres.trajectory_model/2. It has no messages of its own; whoever estimates or simulates calls the interface and publishes.
 #include "core/plugin_sdk.h"
 
 #include "core/case/case_reader.h"

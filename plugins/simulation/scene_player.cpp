@@ -79,6 +79,8 @@ Result<std::unique_ptr<ScenePlayer>> ScenePlayer::make(const Case& c, const Play
     p->tracks_ = std::make_unique<LoadTracks>(p->case_);
     p->times_ = frame_times(p->case_);
     if (p->times_.empty()) return invalid_input(c.folder.string() + ": the recording has no frames");
+    if (settings.num_frames > 0)
+        p->times_.resize(std::min(p->times_.size(), static_cast<std::size_t>(settings.num_frames)));
     for (const double t : p->times_) p->frame_loads_.push_back(p->loads_at(t));
     p->batch_.assign(p->model_->num_state() * padded_lanes(1), 0.0);
     return p;
@@ -172,7 +174,7 @@ ScenePlayer::StepResult ScenePlayer::step(double from_s, double to_s, const Hypo
 
 TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
                                    std::span<const std::int32_t> frames, const Visitor& visit,
-                                   const std::function<void(std::size_t, double*)>& guess) {
+                                   const std::function<void(std::size_t, double*)>& guess, std::size_t horizon) {
     TERES_CHECK(h.theta.size() == model_->num_parameters());
     const std::size_t dofs = 3 * model_->num_nodes();
     const bool dynamic = scene_->dynamic;
@@ -189,7 +191,8 @@ TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::u
 
     TrajectoryReport report;
     std::size_t listed = 0;
-    for (std::size_t f = 0; f < times_.size(); ++f) {
+    const std::size_t end = horizon > 0 ? std::min(horizon, times_.size()) : times_.size();
+    for (std::size_t f = 0; f < end; ++f) {
         const bool wanted =
             frames.empty() || (listed < frames.size() && static_cast<std::size_t>(frames[listed]) == f);
         if (!wanted && !memory) continue;

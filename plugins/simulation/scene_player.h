@@ -15,6 +15,7 @@ namespace teres {
 struct PlayerSettings {
     CaseModelSettings model;
     double max_step_s = 0.0025;  ///< of dynamic cases; frames further apart are played in substeps
+    int num_frames = 0;          ///< only so many from the first; 0: all
     bool soft_clamps = true;     ///< clamped nodes sit on a thin stiff layer instead of being held, so that
                                  ///< effects can move it or let it give way
 };
@@ -38,10 +39,10 @@ class ScenePlayer {
     using Visitor = std::function<void(std::size_t frame, const double* state)>;
     /// Plays all frames in order; `visit` sees those listed in `frames` (ascending; empty: all). guess(frame,
     /// x) may improve the start value of a quasi-static frame. A quasi-static body without memory skips other
-    /// frames.
+    /// frames. horizon: frames from there on are left out; 0: none.
     TrajectoryReport play(const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
                           std::span<const std::int32_t> frames, const Visitor& visit,
-                          const std::function<void(std::size_t frame, double* x)>& guess = {});
+                          const std::function<void(std::size_t frame, double* x)>& guess = {}, std::size_t horizon = 0);
 
   private:
     ScenePlayer() = default;

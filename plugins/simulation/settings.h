@@ -34,6 +34,7 @@ struct SimulationSettings {
     bool trajectories = false;
     double trajectory_residual = 1e-3;
     double max_step_s = 0.0025;
+    int trajectory_frames = 0;
 
     template <class V>
     void visit(V& field) {
@@ -81,14 +82,16 @@ struct SimulationSettings {
         field("threads", threads, {1, 64}, "threads that share a step; the same number gives the same bits");
         field("max_lanes", max_lanes, {1, 128}, "largest batch (sigma points) that workspaces are made for");
         field("trajectories", trajectories,
-              "offer whole recordings under hypotheses too (teres.trajectory_model/1); memory of 0.1-0.5 GB");
+              "offer whole recordings under hypotheses too (teres.trajectory_model/2); memory of 0.1-0.5 GB");
         field("trajectory_residual", trajectory_residual, {1e-12, 1e-2},
               "trajectories: a step ends when |residual| <= this * |applied force|");
         field("max_step_s", max_step_s, {1e-5, 1.0}, "trajectories of dynamic cases: longest time step");
+        field("trajectory_frames", trajectory_frames, {0, 1000000},
+              "trajectories: only so many frames from the first; 0: all");
     }
 
     PlayerSettings player_settings() const {
-        PlayerSettings p{model_settings(), max_step_s, true};
+        PlayerSettings p{model_settings(), max_step_s, trajectory_frames, true};
         p.model.equilibrium.relative_residual = trajectory_residual;
         p.model.equilibrium.max_newton_iterations = 10;  // a frame that needs more is given up
         return p;

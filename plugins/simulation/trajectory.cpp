@@ -110,7 +110,11 @@ TrajectoryReport Trajectory::simulate(const Hypothesis& h, std::span<double> mar
         if (f > 0 && f < previous.size())
             Eigen::Map<VectorXd>(x, static_cast<Eigen::Index>(dofs)) += previous[f] - previous[f - 1];
     };
-    const TrajectoryReport report = player_->play(h, effects_, {}, visit, guess);
+    const TrajectoryReport report = player_->play(h, effects_, {}, visit, guess, horizon_);
+    for (std::size_t f = base_.x.size(); f < num_frames(); ++f) {
+        const VectorXd last = base_.x.back();
+        visit(f, last.data());
+    }
     // Velocities and accelerations by differences between frames: what frames cannot resolve is not looked
     // at.
     const std::size_t F = base_.x.size();
@@ -262,7 +266,7 @@ bool Trajectory::factorise(const Hypothesis& h, const ExternalActions& actions, 
     return factor.factorised();
 }
 
-// Stresses of every frame; compliances (one of the mean state and its modes if dynamic).
+// Stresses of every frame; compliances (one next to the mean state and its modes if dynamic).
 void Trajectory::prepare_frames(bool points) const {
     Scene& scene = player_->scene();
     const auto& pattern = player_->model().system().pattern();
@@ -300,16 +304,20 @@ void Trajectory::prepare_frames(bool points) const {
     if (scene.dynamic) {
         VectorXd mean = VectorXd::Zero(base_.x.front().size());
         for (const VectorXd& x : base_.x) mean += x / static_cast<double>(num_frames);
+        // A mean of turned shapes is compressed and may buckle: the frame next to it does not.
+        const VectorXd& middle = *std::min_element(
+            base_.x.begin(), base_.x.end(),
+            [&](const VectorXd& a, const VectorXd& b) { return (a - mean).squaredNorm() < (b - mean).squaredNorm(); });
         base_.nearest.assign(num_frames, 0);
         player_->enter(time_s(num_frames - 1), h, effects_, actions);  // without memory
-        solve(mean, base_.compliance.front());
+        solve(middle, base_.compliance.front());
         if (!factor.factorised()) return;
         VectorXd mass(pattern.num_rows());
         for (Eigen::Index i = 0; i < scene.parts.node_mass_kg.size(); ++i)
             if (const auto node = pattern.free_index(static_cast<NodeIndex>(i)); node >= 0)
                 mass.segment<3>(3 * node).setConstant(scene.parts.node_mass_kg(i));
         base_.modal = std::make_unique<ModalResponse>(factor, mass, kModes);
-        base_.modal_markers = marker_rows(mean.data()).transpose() * base_.modal->modes();
+        base_.modal_markers = marker_rows(middle.data()).transpose() * base_.modal->modes();
         base_.modal_points = point_rows().transpose() * base_.modal->modes();
     }
     base_.with_markers = true;
@@ -505,7 +513,8 @@ void Trajectory::add_variants(const Case& c, const PlayerSettings& settings) {
         change(v);
         variants_.push_back(std::move(v));
     };
-    if (settings.model.element != ElementType::kQuadratic)
+    const bool dynamic = player_->scene().dynamic;  // 10-node tetrahedra would take minutes for a second of motion
+    if (settings.model.element != ElementType::kQuadratic && !dynamic)
         add("10-node tetrahedra", [](Variant& v) { v.settings.model.element = ElementType::kQuadratic; });
     add("nodal shear", [](Variant& v) { v.settings.model.shear_blend = 0.1; });
     add("element shear", [](Variant& v) { v.settings.model.shear_blend = 1.0; });

@@ -1,11 +1,11 @@
-// Whole recordings of a case under hypotheses (teres.trajectory_model/1): simulation, and the first-order
+// Whole recordings of a case under hypotheses (teres.trajectory_model/2): simulation, and the first-order
 // response of the markers to other hypotheses by one compliance matrix per frame,
 //
 //     K_f dx = -(g(x_f; other) - g(x_f; base)),   dz_f = H_f dx = -C_f dg,   C_f = H_f K_f^-1   (3M x 3N)
 //
 // x_f: the base trajectory, H_f: derivative of the markers by the nodes. C is made (and kept in single precision) at a
 // few frames far apart in the space of shapes; every frame takes that of the nearest shape, its gradient change is
-// its own. A dynamic case responds by the modes about the mean of its trajectory (modal_response.h).
+// its own. A dynamic case responds by the modes about the frame next to the mean of its trajectory (modal_response.h).
 #pragma once
 
 #include <memory>
@@ -36,6 +36,8 @@ class Trajectory final : public TrajectoryModel {
     NominalParameter parameter(std::size_t index) const noexcept override;
     std::size_t num_frames() const noexcept override { return player_->times().size(); }
     double time_s(std::size_t frame) const noexcept override { return player_->times()[frame]; }
+    bool dynamic() const noexcept override { return player_->scene().dynamic; }
+    void set_horizon(std::size_t frames) noexcept override { horizon_ = dynamic() ? frames : 0; }
     std::size_t num_markers() const noexcept override { return player_->model().num_markers(); }
     std::int32_t marker_id(std::size_t index) const noexcept override {
         return player_->model().marker_id(index);
@@ -91,7 +93,7 @@ class Trajectory final : public TrajectoryModel {
         std::vector<EffectInstance> effects;
         std::vector<Eigen::VectorXd> x, v, a;         // per frame, 3N; v, a: dynamic
         std::vector<FrameState> frame;                // made on first use, as all below
-        std::vector<Compliance> compliance;           // of a dynamic case: one, at the mean state
+        std::vector<Compliance> compliance;           // of a dynamic case: one, next to the mean state
         std::vector<std::size_t> nearest;             // compliance of each frame
         std::unique_ptr<ModalResponse> modal;         // dynamic
         Eigen::MatrixXd modal_markers, modal_points;  // H phi
@@ -132,6 +134,7 @@ class Trajectory final : public TrajectoryModel {
                             const Coefficients& base, Eigen::VectorXd& dg) const;
 
     std::unique_ptr<ScenePlayer> player_;
+    std::size_t horizon_ = 0;
     std::vector<std::unique_ptr<Effect>> effects_;
     std::vector<Variant> variants_;
     mutable Base base_;  // its frames are made on first use
