@@ -11,6 +11,7 @@ constexpr double kHuber = 3.0;        // weight falls from here on, in medians o
 constexpr double kMaxStep = 2.5;      // of a scaled coordinate in one iteration: keeps linearised steps in reach
 constexpr double kDamping = 1e-2;     // at the start
 constexpr double kGrowth = 4.0;       // of the damping after a step that was worse; doubled when it happens again
+constexpr double kNoMove = 1e-9;      // scaled coordinates
 constexpr double kMaxDamping = 1e6;
 
 // Square roots of Huber weights per trajectory row: marker distances against their median.
@@ -92,10 +93,13 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
         fit.misfit = fit.residual.squaredNorm();
         fit.cost = fit.misfit + fit.u.squaredNorm();
     };
+    const auto scaled = [&](const Assumption& at) -> Eigen::VectorXd {
+        return (space.coordinates(at) - space.prior_mean()).cwiseQuotient(space.prior_stdev());
+    };
     const auto evaluate = [&](const Eigen::VectorXd& u) {
         Fit fit;
         fit.at = space.assumption(coordinates(u));
-        fit.u = (space.coordinates(fit.at) - space.prior_mean()).cwiseQuotient(space.prior_stdev());  // within bounds
+        fit.u = scaled(fit.at);  // within bounds
         fit.usable = simulator.approximate(fit.at, fit.trajectory);
         if (!fit.usable) {
             fit.cost = std::numeric_limits<double>::infinity();
@@ -112,7 +116,27 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
         current = true;
     };
 
-    Fit best = evaluate((space.coordinates(start) - space.prior_mean()).cwiseQuotient(space.prior_stdev()));
+    // Solves A du = b; a coordinate that stands at its bound and would go beyond stays there, the others go on without it.
+    const auto step_within_bounds = [&](const Fit& from, Eigen::MatrixXd A, Eigen::VectorXd b) {
+        Eigen::VectorXd du;
+        for (Eigen::Index held = -1; held < b.size(); ++held) {
+            du = A.ldlt().solve(b);
+            const Eigen::VectorXd moved = scaled(space.assumption(coordinates(from.u + du))) - from.u;
+            bool again = false;
+            for (Eigen::Index k = 0; k < du.size(); ++k)
+                if (du(k) != 0.0 && std::abs(moved(k)) < kNoMove && std::abs(du(k)) > kNoMove) {
+                    A.row(k).setZero();
+                    A.col(k).setZero();
+                    A(k, k) = 1.0;
+                    b(k) = 0.0;
+                    again = true;
+                }
+            if (!again) break;
+        }
+        return du;
+    };
+
+    Fit best = evaluate(scaled(start));
     if (!best.usable) return best;
     double damping = kDamping, growth = kGrowth;
     for (int iteration = 0; iteration < options.max_iterations && damping < kMaxDamping; ++iteration) {
@@ -129,10 +153,10 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
         const auto promised = [&](const Eigen::VectorXd& du) {
             return best.cost - (best.residual - best.J * du).squaredNorm() - (best.u + du).squaredNorm();
         };
-        if (promised(normal.ldlt().solve(gradient)) < options.tolerance * best.cost) break;
+        if (promised(step_within_bounds(best, normal, gradient)) < options.tolerance * best.cost) break;
         Eigen::MatrixXd damped = normal;
         damped.diagonal() *= 1.0 + damping;
-        Eigen::VectorXd du = damped.ldlt().solve(gradient);
+        Eigen::VectorXd du = step_within_bounds(best, damped, gradient);
         du *= std::min(1.0, kMaxStep / std::max(du.cwiseAbs().maxCoeff(), 1e-300));
         Fit next = evaluate(best.u + du);
         const double ratio = (best.cost - next.cost) / promised(du);

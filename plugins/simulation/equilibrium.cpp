@@ -214,7 +214,7 @@ void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& bat
     const int before = report.factorisations;
     std::size_t running = 0;
     for (std::size_t l = 0; l < stride; ++l) {
-        w.active[l] = l < lanes && !converged(l);
+        w.active[l] = l < lanes && (settings_.min_iterations > 0 || !converged(l));
         running += static_cast<std::size_t>(w.active[l]);
     }
     if (running > 0 && w.metric->usable() && !w.stale)
@@ -253,7 +253,7 @@ void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& bat
             } else if (w.active[l]) {
                 w.history.forget(l);
             }
-            w.active[l] = w.active[l] && !converged(l);
+            w.active[l] = w.active[l] && (iteration + 1 < settings_.min_iterations || !converged(l));
             running += static_cast<std::size_t>(w.active[l]);
         }
     }

@@ -19,6 +19,7 @@ namespace teres {
 
 struct EquilibriumSettings {
     double relative_residual = 1e-6;  ///< |g| <= relative_residual * force scale of the lane
+    int min_iterations = 0;           ///< even if the start value has converged: soft modes move under small residuals
     int max_iterations = 60;          ///< of the quasi-Newton
     int refactorise_after = 12;       ///< iterations in one call above which K is factorised anew at once
     int renew_after = 9;              ///< ... above which it is renewed in the background

@@ -151,6 +151,10 @@ TrajectoryReport Trajectory::approximate(const Hypothesis& h, std::span<double> 
     if (!predicted || memory) return simulate(h, markers_m, {}, {});
     whole_ = std::move(base_);
     start_base(h);
+    // Tangents stay those of solved frames: one between them is not in equilibrium and may be near singular.
+    base_.compliance = whole_.compliance;
+    base_.nearest = whole_.nearest;
+    base_.with_markers = true;
 
     const std::vector<std::int32_t> solved = frames_to_solve(change, F / kSolvedShare);
     const auto last_solved = [&](std::size_t f) {
@@ -266,15 +270,25 @@ bool Trajectory::factorise(const Hypothesis& h, const ExternalActions& actions, 
     return factor.factorised();
 }
 
-// Stresses of every frame; compliances (one next to the mean state and its modes if dynamic).
-void Trajectory::prepare_frames(bool points) const {
+void Trajectory::prepare_stresses() const {
+    const Scene& scene = player_->scene();
+    std::vector<double> S, psi, F;
+    base_.frame.resize(base_.x.size());
+    for (std::size_t f = 0; f < base_.x.size(); ++f)
+        for (const auto& set : scene.parts.body.points()) {
+            elastic_stress(set, scene.parts.body.material(), base_.x[f].data(), S, &psi, &F);
+            base_.frame[f].push_back({{S.begin(), S.end()}, {psi.begin(), psi.end()}, {F.begin(), F.end()}});
+        }
+}
+
+// Compliances (one next to the mean state and its modes if dynamic).
+void Trajectory::prepare_compliances(bool points) const {
     Scene& scene = player_->scene();
     const auto& pattern = player_->model().system().pattern();
     const Hypothesis h = base_.hypothesis();
     Cholesky factor(pattern);
     ExternalActions actions;
     ViscousMemory memory;
-    std::vector<double> S, psi, F;
     const auto solve = [&](const VectorXd& x, Compliance& out) {
         if (!factorise(h, actions, x, factor)) return;
         const auto rows = [&](MatrixXd Ht) -> Eigen::MatrixXf {
@@ -288,14 +302,7 @@ void Trajectory::prepare_frames(bool points) const {
     std::vector<std::size_t> at{0};
     if (!scene.dynamic) at = distinct_frames(base_.x, kCompliances, base_.nearest);
     base_.compliance.resize(at.size());
-    const bool first = base_.frame.empty();
-    base_.frame.resize(num_frames);
     for (std::size_t f = 0; f < num_frames; ++f) {
-        if (first)
-            for (const auto& set : scene.parts.body.points()) {
-                elastic_stress(set, scene.parts.body.material(), base_.x[f].data(), S, &psi, &F);
-                base_.frame[f].push_back({{S.begin(), S.end()}, {psi.begin(), psi.end()}, {F.begin(), F.end()}});
-            }
         enter_frame(h, f, memory, actions);
         const auto knot = std::find(at.begin(), at.end(), f);
         if (!scene.dynamic && knot != at.end())
@@ -413,7 +420,8 @@ bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<doubl
     const bool with_points = !points_m.empty();
     TERES_CHECK(markers_m.size() == others.size() * F * M);
     TERES_CHECK(!with_points || points_m.size() == others.size() * F * P);
-    if (!base_.with_markers || (with_points && !base_.with_points)) prepare_frames(with_points);
+    if (base_.frame.empty()) prepare_stresses();
+    if (!base_.with_markers || (with_points && !base_.with_points)) prepare_compliances(with_points);
     Scene& scene = player_->scene();
     for (const Compliance& c : base_.compliance)
         if (c.markers.size() == 0) return false;
@@ -492,7 +500,8 @@ bool Trajectory::marker_compliance(std::int32_t node, std::span<double> out) con
     if (base_.x.empty() || player_->scene().dynamic || node < 0 ||
         static_cast<std::size_t>(node) >= num_nodes())
         return false;
-    if (!base_.with_markers) prepare_frames(false);
+    if (base_.frame.empty()) prepare_stresses();
+    if (!base_.with_markers) prepare_compliances(false);
     for (const Compliance& c : base_.compliance)
         if (c.markers.size() == 0) return false;
     const auto row = 3 * static_cast<Eigen::Index>(player_->model().system().pattern().free_index(node));

@@ -121,7 +121,8 @@ class Trajectory final : public TrajectoryModel {
     Trajectory() = default;
     void start_base(const Hypothesis& h);
     void add_variants(const Case& c, const PlayerSettings& settings);
-    void prepare_frames(bool points) const;
+    void prepare_stresses() const;
+    void prepare_compliances(bool points) const;
     bool factorise(const Hypothesis& h, const ExternalActions& actions, const Eigen::VectorXd& x,
                    Cholesky& factor) const;
     Eigen::MatrixXd marker_rows(const double* x) const;  // H^T over free rows
