@@ -111,6 +111,17 @@ void take_noise(Problem& problem, Cause& cause) {
     }
 }
 
+// The amplitudes of an effect half way back to where it is off.
+void halve(const EffectEntry& entry, ActiveEffect& effect) {
+    for (std::size_t p = 0; p < entry.parameters.size(); ++p) {
+        double& value = effect.values[p];
+        const double null = entry.parameters[p].null_value;
+        if (entry.parameters[p].role != EffectRole::kAmplitude) continue;
+        value = entry.parameters[p].transform == EffectTransform::kLog && null > 0.0 ? std::sqrt(value * null)
+                                                                                     : 0.5 * (value + null);
+    }
+}
+
 // One more effect on top of what is known, refitted with everything free.
 Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const EffectScreening& added, int iterations) {
     Cause cause;
@@ -133,13 +144,7 @@ Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const Effe
     Eigen::VectorXd trajectory;
     for (int attempt = 0; !entry.sensor && !problem.simulator.simulate(start, trajectory); ++attempt) {
         if (attempt == kAttempts) return cause;
-        for (std::size_t p = 0; p < entry.parameters.size(); ++p) {
-            double& value = start.effects.back().values[p];
-            const double null = entry.parameters[p].null_value;
-            if (entry.parameters[p].role != EffectRole::kAmplitude) continue;
-            value = entry.parameters[p].transform == EffectTransform::kLog && null > 0.0 ? std::sqrt(value * null)
-                                                                                         : 0.5 * (value + null);
-        }
+        halve(entry, start.effects.back());
     }
     cause.fit = problem.fit(start, iterations);
     if (!cause.fit.usable) return cause;
@@ -204,8 +209,9 @@ Screening try_beginnings(Problem& problem, const Fit& base, const Cause* known, 
         if (problem.simulator.effects()[effect.entry].sensor || effect.explained < kLeastEarly) continue;
         Assumption start = base.at;
         start.effects.push_back(effect.start);
-        Fit fit = fit_first(4, start, 3);
-        if (fit.usable) fit = fit_first(2, fit.at, 3);
+        halve(problem.simulator.effects()[effect.entry], start.effects.back());  // first order asks for too much
+        Fit fit = fit_first(4, start, 4);
+        if (fit.usable) fit = fit_first(2, fit.at, 4);
         if (!fit.usable) continue;
         effect.explained = 1.0 - fit.cost / before;
         effect.start = fit.at.effects.back();

@@ -174,7 +174,8 @@ ScenePlayer::StepResult ScenePlayer::step(double from_s, double to_s, const Hypo
 
 TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
                                    std::span<const std::int32_t> frames, const Visitor& visit,
-                                   const std::function<void(std::size_t, double*)>& guess, std::size_t horizon) {
+                                   const std::function<void(std::size_t, double*)>& guess, std::size_t horizon,
+                                   SubspaceSolver* subspace) {
     TERES_CHECK(h.theta.size() == model_->num_parameters());
     const std::size_t dofs = 3 * model_->num_nodes();
     const bool dynamic = scene_->dynamic;
@@ -188,6 +189,9 @@ TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::u
         for (std::size_t i = 0; i < model_->num_nodes(); ++i)
             if (!scene_->parts.held[i])
                 std::copy_n(scene_->parts.gravity_m_s2.data(), 3, state_.begin() + 2 * dofs + 3 * i);
+
+    if (dynamic && subspace != nullptr) subspace->project(state_.data() + 2 * dofs);
+    model_->stepper().reduce_to(dynamic ? subspace : nullptr);
 
     TrajectoryReport report;
     std::size_t listed = 0;

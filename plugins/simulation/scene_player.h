@@ -27,6 +27,7 @@ class ScenePlayer {
 
     Scene& scene() { return *scene_; }
     CaseModel& model() { return *model_; }
+    const PlayerSettings& settings() const { return settings_; }
     const std::vector<double>& times() const { return times_; }
     /// Length of the step that ends at the frame.
     double step_s(std::size_t frame) const;
@@ -40,9 +41,10 @@ class ScenePlayer {
     /// Plays all frames in order; `visit` sees those listed in `frames` (ascending; empty: all). guess(frame,
     /// x) may improve the start value of a quasi-static frame. A quasi-static body without memory skips other
     /// frames. horizon: frames from there on are left out; 0: none.
+    /// subspace: of a dynamic body's motion; null: all of the mesh moves.
     TrajectoryReport play(const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
                           std::span<const std::int32_t> frames, const Visitor& visit,
-                          const std::function<void(std::size_t frame, double* x)>& guess = {}, std::size_t horizon = 0);
+                          const std::function<void(std::size_t frame, double* x)>& guess = {}, std::size_t horizon = 0, SubspaceSolver* subspace = nullptr);
 
   private:
     ScenePlayer() = default;

@@ -43,7 +43,7 @@ EquilibriumReport TimeStepper::step(const ExternalActions& actions, double h, co
     double* v = state + size;
     double* a = state + 2 * size;  // generalised alpha only
     if (settings_.scheme == TimeScheme::kQuasiStatic) return solver_.solve(actions, {}, theta, x, lanes);
-    if (h != last_dt_s_) {  // the shared factorisation belongs to one step length
+    if (h != last_dt_s_ && subspace_ == nullptr) {  // the shared factorisation belongs to one step length
         solver_.invalidate();
         last_dt_s_ = h;
     }
@@ -98,7 +98,9 @@ EquilibriumReport TimeStepper::step(const ExternalActions& actions, double h, co
         at_alpha_.force_n = (1.0 - alpha_f) * actions.force_n + alpha_f * last_force_n_;
     last_force_n_ = actions.force_n;
 
-    const EquilibriumReport report = solver_.solve(at_alpha_, inertia, theta, y_.data(), lanes);
+    const EquilibriumReport report = subspace_ != nullptr && lanes == 1
+                                         ? subspace_->solve(at_alpha_, inertia, theta, y_.data())
+                                         : solver_.solve(at_alpha_, inertia, theta, y_.data(), lanes);
     for (std::size_t k = 0; k < size; ++k) {
         if (euler) {
             v[k] = (y_[k] - x[k]) / h;

@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "plugins/simulation/equilibrium.h"
+#include "plugins/simulation/subspace_solver.h"
 #include "plugins/simulation/system.h"
 
 namespace teres {
@@ -45,6 +46,8 @@ class TimeStepper {
 
     /// [loop] Replaces TimeStepSettings::rayleigh_mass_1_s.
     void set_rayleigh_mass(double rate_1_s) { settings_.rayleigh_mass_1_s = rate_1_s; }
+    /// [loop] One lane steps in a subspace from now on; null: in all of the mesh again.
+    void reduce_to(SubspaceSolver* subspace) { subspace_ = subspace; }
     /// [loop] The next step begins a motion of its own: no load before it is remembered.
     void restart() { last_force_n_.resize(0); }
     /// alpha_f: the equations of a step hold at (1 - alpha_f) of it.
@@ -54,6 +57,7 @@ class TimeStepper {
     const MechanicalSystem& system_;
     EquilibriumSolver& solver_;
     TimeStepSettings settings_;
+    SubspaceSolver* subspace_ = nullptr;
     double last_dt_s_ = 0.0;
     ExternalActions at_alpha_;
     Eigen::VectorXd last_force_n_;

@@ -20,6 +20,9 @@ namespace {
 constexpr double kDerivativeStep = 1e-3;  // of the way to the other hypothesis
 constexpr Eigen::Index kModes = 24;       // of a dynamic case
 constexpr std::size_t kCompliances = 8;   // frames at which the tangent is factorised
+constexpr Eigen::Index kProperMotions = 16;  // of a dynamic trajectory
+constexpr std::size_t kStaticFrames = 4;     // at which a change is followed statically
+constexpr double kNoMotion = 1e-12;          // m
 constexpr std::size_t kSolvedShare = 3;   // approximate(): one in so many frames is solved
 constexpr std::size_t kFewFrames = 24;    // ... of more than these
 
@@ -88,12 +91,18 @@ void Trajectory::start_base(const Hypothesis& h) {
 
 TrajectoryReport Trajectory::simulate(const Hypothesis& h, std::span<double> markers_m,
                                       std::span<double> points_m, std::span<double> nodes_m) noexcept {
+    whole_ = {};
+    return play_all(h, markers_m, points_m, nodes_m, nullptr);
+}
+
+// Every frame; the trajectory becomes the base.
+TrajectoryReport Trajectory::play_all(const Hypothesis& h, std::span<double> markers_m, std::span<double> points_m,
+                                      std::span<double> nodes_m, SubspaceSolver* subspace) {
     CaseModel& model = player_->model();
     const std::size_t dofs = 3 * model.num_nodes(), markers = 3 * num_markers(), points = 3 * num_points(),
                       state = model.num_state();
     const std::vector<VectorXd> previous = std::move(base_.x);
     start_base(h);
-    whole_ = {};
 
     std::vector<double> whole(state, 0.0);
     const auto visit = [&](std::size_t f, const double* x) {
@@ -110,7 +119,7 @@ TrajectoryReport Trajectory::simulate(const Hypothesis& h, std::span<double> mar
         if (f > 0 && f < previous.size())
             Eigen::Map<VectorXd>(x, static_cast<Eigen::Index>(dofs)) += previous[f] - previous[f - 1];
     };
-    const TrajectoryReport report = player_->play(h, effects_, {}, visit, guess, horizon_);
+    const TrajectoryReport report = player_->play(h, effects_, {}, visit, guess, horizon_, subspace);
     for (std::size_t f = base_.x.size(); f < num_frames(); ++f) {
         const VectorXd last = base_.x.back();
         visit(f, last.data());
@@ -139,7 +148,8 @@ TrajectoryReport Trajectory::approximate(const Hypothesis& h, std::span<double> 
     CaseModel& model = player_->model();
     const std::size_t dofs = 3 * model.num_nodes(), F = num_frames();
     const auto rows = static_cast<Eigen::Index>(3 * num_markers()), frames = static_cast<Eigen::Index>(F);
-    if (F <= kFewFrames || player_->scene().dynamic || (base_.x.empty() && whole_.x.empty()))
+    if (player_->scene().dynamic) return move_in_subspace(h, markers_m);
+    if (F <= kFewFrames || (base_.x.empty() && whole_.x.empty()))
         return simulate(h, markers_m, {}, {});
     const std::vector<VectorXd> previous = base_.x;
     if (!whole_.x.empty()) base_ = std::move(whole_);
@@ -187,6 +197,57 @@ TrajectoryReport Trajectory::approximate(const Hypothesis& h, std::span<double> 
         base_.x.push_back(x + nodes.col(f));
     }
     return report;
+}
+
+// Columns whose span the motion under `h` hardly leaves: what the last whole trajectory did, modes, and what the change to
+// `h` does statically to it.
+MatrixXd Trajectory::motions_under(const Hypothesis& h) const {
+    const auto& pattern = player_->model().system().pattern();
+    const auto dofs = static_cast<Eigen::Index>(3 * num_nodes());
+    const auto all_nodes = [&](const MatrixXd& free) {
+        MatrixXd out = MatrixXd::Zero(dofs, free.cols());
+        for (Eigen::Index i = 0; i < dofs / 3; ++i)
+            if (const auto row = pattern.free_index(static_cast<NodeIndex>(i)); row >= 0)
+                out.middleRows<3>(3 * i) = free.middleRows<3>(3 * static_cast<Eigen::Index>(row));
+        return out;
+    };
+    const std::size_t F = num_frames();
+    MatrixXd moved(dofs, static_cast<Eigen::Index>(F));
+    for (std::size_t f = 0; f < F; ++f) moved.col(static_cast<Eigen::Index>(f)) = base_.x[f] - base_.x[0];
+    const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(moved.transpose() * moved);
+    const Eigen::Index kept = std::min<Eigen::Index>(kProperMotions, moved.cols());
+    const MatrixXd proper = moved * eigen.eigenvectors().rightCols(kept);
+
+    const std::size_t every = std::max<std::size_t>(1, F / kStaticFrames);
+    MatrixXd statics = MatrixXd::Zero(pattern.num_rows(), static_cast<Eigen::Index>((F + every - 1) / every));
+    visit_changes({toward(h, 1.0)}, [&](std::size_t f, std::size_t, const Coefficients&, const VectorXd& dg) {
+        if (f % every != 0) return;
+        for (Eigen::Index i = 0; i < dg.size() / 3; ++i)
+            if (const auto row = pattern.free_index(static_cast<NodeIndex>(i)); row >= 0)
+                statics.col(static_cast<Eigen::Index>(f / every)).segment<3>(3 * static_cast<Eigen::Index>(row)) =
+                    dg.segment<3>(3 * i);
+    });
+    base_.tangent->solve(statics);
+
+    const MatrixXd modes = all_nodes(base_.modal->modes()), changes = all_nodes(statics);
+    MatrixXd out(dofs, proper.cols() + modes.cols() + changes.cols());
+    Eigen::Index used = 0;
+    for (const MatrixXd* part : {&proper, &modes, &changes})
+        for (Eigen::Index k = 0; k < part->cols(); ++k)
+            if (part->col(k).norm() > kNoMotion) out.col(used++) = part->col(k);
+    return out.leftCols(used);
+}
+
+// approximate() of a dynamic case: forces of the whole mesh, motion in a subspace about the last whole trajectory.
+TrajectoryReport Trajectory::move_in_subspace(const Hypothesis& h, std::span<double> markers_m) {
+    if (base_.x.empty() && whole_.x.empty()) return simulate(h, markers_m, {}, {});
+    if (!whole_.x.empty()) base_ = std::move(whole_);
+    if (base_.frame.empty()) prepare_stresses();
+    if (!base_.with_markers) prepare_compliances(false);
+    if (!base_.modal) return simulate(h, markers_m, {}, {});
+    SubspaceSolver subspace(player_->model().system(), player_->settings().model.equilibrium, motions_under(h));
+    whole_ = std::move(base_);
+    return play_all(h, markers_m, {}, {}, &subspace);
 }
 
 // Gradient of obstacles, loads, tools, pressure and inertia (3N, held nodes included).
@@ -286,13 +347,13 @@ void Trajectory::prepare_compliances(bool points) const {
     Scene& scene = player_->scene();
     const auto& pattern = player_->model().system().pattern();
     const Hypothesis h = base_.hypothesis();
-    Cholesky factor(pattern);
+    auto factor = std::make_unique<Cholesky>(pattern);
     ExternalActions actions;
     ViscousMemory memory;
     const auto solve = [&](const VectorXd& x, Compliance& out) {
-        if (!factorise(h, actions, x, factor)) return;
+        if (!factorise(h, actions, x, *factor)) return;
         const auto rows = [&](MatrixXd Ht) -> Eigen::MatrixXf {
-            factor.solve(Ht);
+            factor->solve(Ht);
             return Ht.transpose().cast<float>();
         };
         if (!base_.with_markers) out.markers = rows(marker_rows(x.data()));
@@ -318,14 +379,15 @@ void Trajectory::prepare_compliances(bool points) const {
         base_.nearest.assign(num_frames, 0);
         player_->enter(time_s(num_frames - 1), h, effects_, actions);  // without memory
         solve(middle, base_.compliance.front());
-        if (!factor.factorised()) return;
+        if (!factor->factorised()) return;
         VectorXd mass(pattern.num_rows());
         for (Eigen::Index i = 0; i < scene.parts.node_mass_kg.size(); ++i)
             if (const auto node = pattern.free_index(static_cast<NodeIndex>(i)); node >= 0)
                 mass.segment<3>(3 * node).setConstant(scene.parts.node_mass_kg(i));
-        base_.modal = std::make_unique<ModalResponse>(factor, mass, kModes);
+        base_.modal = std::make_unique<ModalResponse>(*factor, mass, kModes);
         base_.modal_markers = marker_rows(middle.data()).transpose() * base_.modal->modes();
         base_.modal_points = point_rows().transpose() * base_.modal->modes();
+        base_.tangent = std::move(factor);
     }
     base_.with_markers = true;
     base_.with_points = base_.with_points || points;
@@ -426,28 +488,55 @@ bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<doubl
     for (const Compliance& c : base_.compliance)
         if (c.markers.size() == 0) return false;
 
-    struct Other {
-        Point at;
-        ViscousMemory memory;
-        ModalResponse::State motion;
-    };
-    std::vector<Other> other(others.size());
-    for (std::size_t k = 0; k < others.size(); ++k) other[k].at = toward(others[k], kDerivativeStep);
+    std::vector<Point> points;
+    for (const Hypothesis& other : others) points.push_back(toward(other, kDerivativeStep));
+    std::vector<ModalResponse::State> motion(others.size());
     const auto& pattern = player_->model().system().pattern();
+    VectorXd force = VectorXd::Zero(pattern.num_rows()), dz, dp;
+    visit_changes(points, [&](std::size_t f, std::size_t k, const Coefficients& base, const VectorXd& dg) {
+        const Compliance& C = base_.compliance[base_.nearest[f]];
+        dz.setZero(static_cast<Eigen::Index>(M));
+        dp.setZero(static_cast<Eigen::Index>(with_points ? P : 0));
+        force.setZero();
+        for (Eigen::Index i = 0; i < dg.size() / 3; ++i) {
+            const auto node = pattern.free_index(static_cast<NodeIndex>(i));
+            if (node < 0 || dg.segment<3>(3 * i).isZero(0.0)) continue;
+            force.segment<3>(3 * node) = dg.segment<3>(3 * i) / -kDerivativeStep;
+            const Eigen::Vector3f part = force.segment<3>(3 * node).cast<float>();
+            dz += (C.markers.middleCols<3>(3 * node) * part).cast<double>();
+            if (with_points) dp += (C.points.middleCols<3>(3 * node) * part).cast<double>();
+        }
+        if (scene.dynamic) {
+            const VectorXd modal = base_.modal->modes().transpose() * force;
+            base_.modal->advance(motion[k], modal, player_->step_s(f), base.rayleigh_mass_1_s, base.rayleigh_stiffness_s);
+            const VectorXd beyond = motion[k].q - modal.cwiseQuotient(base_.modal->omega().cwiseAbs2());
+            dz += base_.modal_markers * beyond;
+            if (with_points) dp += base_.modal_points * beyond;
+            if (f == 0) dz.setZero(), dp.setZero();  // released as it lies
+        }
+        std::copy_n(dz.data(), M, &markers_m[(k * F + f) * M]);
+        if (with_points) std::copy_n(dp.data(), P, &points_m[(k * F + f) * P]);
+    });
+    return true;
+}
+
+// Frame by frame, the change of the gradient at the base trajectory when its hypothesis gives way to each other one.
+void Trajectory::visit_changes(const std::vector<Point>& others, const ChangeVisitor& visit) const {
+    Scene& scene = player_->scene();
     const Hypothesis h = base_.hypothesis();
     ViscousMemory base_memory;
+    std::vector<ViscousMemory> memory(others.size());
     Coefficients base;
     ExternalActions actions;
-    VectorXd dg, force = VectorXd::Zero(pattern.num_rows()), dz, dp;
-    for (std::size_t f = 0; f < F; ++f) {
+    VectorXd dg;
+    for (std::size_t f = 0; f < num_frames(); ++f) {
         enter_frame(h, f, base_memory, actions);
-        const auto& sets = scene.parts.body.points();
         base.body_touched = scene.body_touched;
         base.ties_touched = scene.ties_touched;
         base.scale.clear();
         base.prestress.clear();
         base.stiffening.clear();
-        for (const auto& set : sets) {
+        for (const auto& set : scene.parts.body.points()) {
             base.scale.push_back(set.stiffness_scale);
             base.prestress.push_back(set.prestress);
             base.stiffening.push_back(set.stiffening);
@@ -461,37 +550,12 @@ bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<doubl
         base.g_ties.setZero(base.g_rest.size());
         add_tether_gradient(scene.parts.tethers, h.theta.data(), base_.x[f].data(), base.g_ties.data(),
                             &energy, 1, 1);
-
-        const Compliance& C = base_.compliance[base_.nearest[f]];
         for (std::size_t k = 0; k < others.size(); ++k) {
-            enter_frame(other[k].at.hypothesis(), f, other[k].memory, actions);
-            change_of_gradient(other[k].at.hypothesis(), actions, f, base, dg);
-            dz.setZero(static_cast<Eigen::Index>(M));
-            dp.setZero(static_cast<Eigen::Index>(with_points ? P : 0));
-            force.setZero();
-            for (Eigen::Index i = 0; i < dg.size() / 3; ++i) {
-                const auto node = pattern.free_index(static_cast<NodeIndex>(i));
-                if (node < 0 || dg.segment<3>(3 * i).isZero(0.0)) continue;
-                force.segment<3>(3 * node) = dg.segment<3>(3 * i) / -kDerivativeStep;
-                const Eigen::Vector3f part = force.segment<3>(3 * node).cast<float>();
-                dz += (C.markers.middleCols<3>(3 * node) * part).cast<double>();
-                if (with_points) dp += (C.points.middleCols<3>(3 * node) * part).cast<double>();
-            }
-            if (scene.dynamic) {
-                const VectorXd modal = base_.modal->modes().transpose() * force;
-                base_.modal->advance(other[k].motion, modal, player_->step_s(f), base.rayleigh_mass_1_s,
-                                     base.rayleigh_stiffness_s);
-                const VectorXd beyond =
-                    other[k].motion.q - modal.cwiseQuotient(base_.modal->omega().cwiseAbs2());
-                dz += base_.modal_markers * beyond;
-                if (with_points) dp += base_.modal_points * beyond;
-                if (f == 0) dz.setZero(), dp.setZero();  // released as it lies
-            }
-            std::copy_n(dz.data(), M, &markers_m[(k * F + f) * M]);
-            if (with_points) std::copy_n(dp.data(), P, &points_m[(k * F + f) * P]);
+            enter_frame(others[k].hypothesis(), f, memory[k], actions);
+            change_of_gradient(others[k].hypothesis(), actions, f, base, dg);
+            visit(f, k, base, dg);
         }
     }
-    return true;
 }
 
 bool Trajectory::marker_compliance(std::int32_t node, std::span<double> out) const noexcept {

@@ -8,10 +8,12 @@
 // its own. A dynamic case responds by the modes about the frame next to the mean of its trajectory (modal_response.h).
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
 
+#include "plugins/simulation/cholesky.h"
 #include "plugins/simulation/modal_response.h"
 #include "plugins/simulation/scene_player.h"
 
@@ -97,6 +99,7 @@ class Trajectory final : public TrajectoryModel {
         std::vector<std::size_t> nearest;             // compliance of each frame
         std::unique_ptr<ModalResponse> modal;         // dynamic
         Eigen::MatrixXd modal_markers, modal_points;  // H phi
+        std::unique_ptr<Cholesky> tangent;            // dynamic: where the modes are taken
         bool with_markers = false, with_points = false;
         Hypothesis hypothesis() const { return {theta, effects}; }
     };
@@ -119,6 +122,12 @@ class Trajectory final : public TrajectoryModel {
     Point toward(const Hypothesis& other, double share) const;
 
     Trajectory() = default;
+    using ChangeVisitor = std::function<void(std::size_t frame, std::size_t other, const Coefficients& base, const Eigen::VectorXd& dg)>;
+    void visit_changes(const std::vector<Point>& others, const ChangeVisitor& visit) const;
+    TrajectoryReport play_all(const Hypothesis& h, std::span<double> markers_m, std::span<double> points_m,
+                              std::span<double> nodes_m, SubspaceSolver* subspace);
+    TrajectoryReport move_in_subspace(const Hypothesis& h, std::span<double> markers_m);
+    Eigen::MatrixXd motions_under(const Hypothesis& h) const;
     void start_base(const Hypothesis& h);
     void add_variants(const Case& c, const PlayerSettings& settings);
     void prepare_stresses() const;

@@ -254,6 +254,38 @@ TEST(Trajectory, FirstOrderOfAVibratingBody) {
     }
 }
 
+// The same block in the subspace of its own motion, modes and statics: far changes, all phases.
+TEST(Trajectory, ApproximateOfAVibratingBody) {
+    Case c = block(false);
+    c.num_frames = 24;
+    c.dt_s = 0.02;
+    c.observations.clear();
+    c.loads = {{0.0, 0, {0.01, 0.02, -0.02}}};
+    PlayerSettings settings = exact();
+    settings.max_step_s = 0.005;
+    settings.model.equilibrium.relative_residual = 1e-6;
+    auto t = *Trajectory::make(c, settings);
+    const auto theta = prior(*t);
+    const std::set<std::string> chosen{"stiffness", "damping", "gravity", "load_scale", "inertia"};
+    std::size_t tried = 0;
+    for (const Sample& s : samples(*t)) {
+        const std::string id = t->effect(s.effect).id;
+        if (!chosen.contains(id)) continue;
+        ++tried;
+        const std::vector<EffectInstance> on{{std::int32_t(s.effect), s.values}};
+        const auto nominal = markers_under(*t, theta, {});
+        std::vector<double> z(nominal.size());
+        const TrajectoryReport r = t->approximate({theta, on}, z);
+        EXPECT_EQ(r.frames_converged, r.frames) << id;
+        const auto whole = markers_under(*t, theta, on);
+        const Eigen::Map<const VectorXd> a(z.data(), std::ssize(z)), b(whole.data(), std::ssize(whole)),
+            n(nominal.data(), std::ssize(nominal));
+        std::printf("%-12s change %.4g, error %.4g\n", id.c_str(), (b - n).norm(), (a - b).norm());
+        EXPECT_LE((a - b).norm(), 0.1 * (b - n).norm() + 1e-6) << id;
+    }
+    EXPECT_GE(tried, chosen.size());
+}
+
 // dg/dx of the whole system under every effect, column by column along random directions.
 TEST(Trajectory, TangentIsTheDerivativeOfTheGradient) {
     auto t = *Trajectory::make(block(), exact());
