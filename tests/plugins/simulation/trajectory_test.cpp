@@ -254,7 +254,7 @@ TEST(Trajectory, FirstOrderOfAVibratingBody) {
     }
 }
 
-// The same block in the subspace of its own motion, modes and statics: far changes, all phases.
+// The same block in the subspace of its own motion, modes and statics, from 0.6 of an effect to all of it, all phases.
 TEST(Trajectory, ApproximateOfAVibratingBody) {
     Case c = block(false);
     c.num_frames = 24;
@@ -273,7 +273,8 @@ TEST(Trajectory, ApproximateOfAVibratingBody) {
         if (!chosen.contains(id)) continue;
         ++tried;
         const std::vector<EffectInstance> on{{std::int32_t(s.effect), s.values}};
-        const auto nominal = markers_under(*t, theta, {});
+        const auto part = scaled(*t, s, 0.6);
+        const auto nominal = markers_under(*t, theta, {{std::int32_t(s.effect), part}});
         std::vector<double> z(nominal.size());
         const TrajectoryReport r = t->approximate({theta, on}, z);
         EXPECT_EQ(r.frames_converged, r.frames) << id;
@@ -281,7 +282,7 @@ TEST(Trajectory, ApproximateOfAVibratingBody) {
         const Eigen::Map<const VectorXd> a(z.data(), std::ssize(z)), b(whole.data(), std::ssize(whole)),
             n(nominal.data(), std::ssize(nominal));
         std::printf("%-12s change %.4g, error %.4g\n", id.c_str(), (b - n).norm(), (a - b).norm());
-        EXPECT_LE((a - b).norm(), 0.1 * (b - n).norm() + 1e-6) << id;
+        EXPECT_LE((a - b).norm(), 0.15 * (b - n).norm() + 1e-6) << id;  // worst: gravity, by turns of half a radian
     }
     EXPECT_GE(tried, chosen.size());
 }
