@@ -11,6 +11,7 @@ constexpr double kHuber = 3.0;        // weight falls from here on, in medians o
 constexpr double kMaxStep = 2.5;      // of a scaled coordinate in one iteration: keeps linearised steps in reach
 constexpr double kDamping = 1e-2;     // at the start
 constexpr double kGrowth = 4.0;       // of the damping after a step that was worse; doubled when it happens again
+constexpr double kFarFromWhole = 1.0;  // scaled coordinates from the last whole simulation: its tangents no longer serve
 constexpr double kNoMove = 1e-9;      // scaled coordinates
 constexpr double kMaxDamping = 1e6;
 
@@ -110,8 +111,15 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
     };
     Eigen::MatrixXd H;  // dh/du of the trajectory
     bool current = false;
-    const auto linearise = [&](const Fit& fit) {
-        if (simulator.base().theta != fit.at.theta || simulator.base().effects != fit.at.effects) evaluate(fit.u);
+    Eigen::VectorXd whole_u = scaled(start);
+    const auto linearise = [&](Fit& fit) {
+        const bool far = (fit.u - whole_u).cwiseAbs().maxCoeff() > kFarFromWhole && !simulator.mechanics().dynamic();
+        if (far && simulator.simulate(fit.at, fit.trajectory)) {
+            weigh(fit);
+            whole_u = fit.u;
+        } else if (far || simulator.base().theta != fit.at.theta || simulator.base().effects != fit.at.effects) {
+            evaluate(fit.u);
+        }
         H = derivative(simulator, space, fit.at);
         current = true;
     };

@@ -194,8 +194,9 @@ TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::u
     model_->stepper().reduce_to(dynamic ? subspace : nullptr);
 
     TrajectoryReport report;
-    std::size_t listed = 0;
+    std::size_t listed = 0, failed = 0;
     const std::size_t end = horizon > 0 ? std::min(horizon, times_.size()) : times_.size();
+    const std::size_t num_wanted = frames.empty() ? end : frames.size();
     for (std::size_t f = 0; f < end; ++f) {
         const bool wanted =
             frames.empty() || (listed < frames.size() && static_cast<std::size_t>(frames[listed]) == f);
@@ -220,6 +221,11 @@ TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::u
         if (!wanted) continue;
         ++listed;
         ++report.frames;
+        failed += !converged;
+        if (static_cast<double>(failed) > 1.0 + settings_.most_failed_share * static_cast<double>(num_wanted)) {
+            report.frames = static_cast<std::int32_t>(num_wanted);
+            return report;
+        }
         report.frames_converged += converged;
         visit(f, state_.data());
     }

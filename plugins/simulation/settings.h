@@ -91,7 +91,10 @@ struct SimulationSettings {
     }
 
     PlayerSettings player_settings() const {
-        PlayerSettings p{model_settings(), max_step_s, trajectory_frames, true};
+        PlayerSettings p;
+        p.model = model_settings();
+        p.max_step_s = max_step_s;
+        p.num_frames = trajectory_frames;
         p.model.equilibrium.relative_residual = trajectory_residual;
         p.model.equilibrium.min_iterations = 2;
         p.model.equilibrium.max_newton_iterations = 10;  // a frame that needs more is given up

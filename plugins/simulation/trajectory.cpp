@@ -171,7 +171,8 @@ TrajectoryReport Trajectory::approximate(const Hypothesis& h, std::span<double> 
         return static_cast<std::size_t>(*(std::lower_bound(solved.begin(), solved.end(), static_cast<std::int32_t>(f)) - 1));
     };
     std::vector<double> whole(model.num_state(), 0.0);
-    MatrixXd node_change(static_cast<Eigen::Index>(dofs), static_cast<Eigen::Index>(solved.size())), rest(rows, node_change.cols());
+    MatrixXd node_change = MatrixXd::Zero(static_cast<Eigen::Index>(dofs), static_cast<Eigen::Index>(solved.size())),
+             rest = MatrixXd::Zero(rows, node_change.cols());  // zero where a trajectory is given up
     const auto markers = [&](const double* x) {
         VectorXd z(rows);
         std::copy_n(x, dofs, whole.begin());
