@@ -65,7 +65,7 @@ struct MarkerScore {
 };
 
 // The case at its own frame times as the camera saw it (found) and as it was (true): estimating both tells what the
-// camera costs.
+// camera costs. Inner points: the film's truth at these times.
 Status write_cases(const FilmScoreOptions& options, const std::vector<PositionSample>& found, const std::vector<PositionSample>& truth) {
     TERES_TRY_ASSIGN(Case c, read_case(options.case_folder));
     std::set<FrameKey> frames;
@@ -74,12 +74,15 @@ Status write_cases(const FilmScoreOptions& options, const std::vector<PositionSa
         const auto frame = frames.lower_bound(key(row.t_s) - kRounding_us);
         return frame != frames.end() && *frame <= key(row.t_s) + kRounding_us;
     };
+    TERES_TRY_ASSIGN(auto inner, read_positions(options.film / "validation.csv", "point_id"));
+    std::erase_if(inner, [&](const PositionSample& row) { return !near_frame(row); });
     for (const auto& [name, rows] : {std::pair{"found", &found}, {"true", &truth}}) {
         c.observations.clear();
         std::copy_if(rows->begin(), rows->end(), std::back_inserter(c.observations), near_frame);
         if (c.observations.empty())
             return invalid_input(options.film.string() + " holds no frame at the times of " + options.case_folder.string());
         TERES_TRY(write_case(c, options.cases_out / name));
+        TERES_TRY(write_positions(options.cases_out / name / "validation.csv", "point_id", inner));
     }
     return {};
 }

@@ -13,12 +13,15 @@
 #include "core/case/case_reader.h"
 #include "core/case/case_writer.h"
 #include "core/case/load_tracks.h"
+#include "core/case/text_file.h"
+#include "core/case/text_writer.h"
 #include "core/recorder.h"
 #include "teres/image_t.hpp"
 #include "teres/tool_loads_t.hpp"
 #include "tools/film_commands.h"
 #include "tools/phantom/depth_sensor.h"
 #include "tools/phantom/renderer.h"
+#include "tools/phantom/scaled_case.h"
 #include "tools/phantom/scene.h"
 #include "tools/progress.h"
 
@@ -35,7 +38,8 @@ constexpr double kInfoPeriod_s = 1.0;
 
 struct PhantomOptions {
     fs::path case_folder, out;
-    double seconds = 8.0, rate_hz = 30.0, occlusion = 0.0, texture = 1.0;
+    double seconds = 8.0, rate_hz = 30.0, occlusion = 0.0, texture = 1.0, scale = 1.0;
+    phantom::RespirationOptions respiration;
     std::string markers = "dark";
     bool stereo = false, raw = false;
     std::uint64_t seed = 1;
@@ -124,36 +128,68 @@ struct Rig {
     }
 };
 
-struct Truth {
-    std::vector<PositionSample> markers;
-    std::string visible = "t_s,marker_id,visible\n";
-    std::size_t seen = 0, all = 0;
+class Truth {
+  public:
+    explicit Truth(const Case& c) : points_of_(c.validation_rest) {
+        visible_.line("t_s", "marker_id", "visible");
+        shifts_.line("t_s", "x_m", "y_m", "z_m");
+    }
     void add(double t_s, const Scene& scene, const Renderer& renderer) {
         for (const Scene::Marker& marker : scene.markers()) {
             const Point x = scene.marker_now(marker);
             const bool sees = renderer.sees(x);
-            markers.push_back({t_s, marker.id, x});
-            visible += fmt::format("{:.6f},{},{}\n", t_s, marker.id, sees ? 1 : 0);
-            seen += sees ? 1 : 0;
-            ++all;
+            markers_.push_back({t_s, marker.id, x});
+            visible_.line(fmt::format("{:.6f}", t_s), marker.id, sees ? 1 : 0);
+            hidden_ += sees ? 0 : 1;
         }
+        for (std::size_t i = 0; i < points_of_.size(); ++i) points_.push_back({t_s, points_of_[i].id, scene.points_now()[i]});
+        shifts_.line(t_s, scene.shift_now());
     }
+    Status write(const fs::path& folder, bool breathes) const {
+        TERES_TRY(write_positions(folder / "markers.csv", "marker_id", markers_));
+        TERES_TRY(write_positions(folder / "validation.csv", "point_id", points_));
+        std::error_code none;
+        fs::remove(folder / "respiration.csv", none);  // of an older film
+        if (breathes) TERES_TRY(write_text_file(folder / "respiration.csv", shifts_.text()));
+        return write_text_file(folder / "visible.csv", visible_.text());
+    }
+    double hidden_share() const { return static_cast<double>(hidden_) / static_cast<double>(std::max<std::size_t>(1, markers_.size())); }
+
+  private:
+    std::vector<MarkerRest> points_of_;
+    std::vector<PositionSample> markers_, points_;
+    TextWriter visible_, shifts_;
+    std::size_t hidden_ = 0;
 };
 
-Status write_text(const fs::path& file, const std::string& text) {
-    std::FILE* out = std::fopen(file.c_str(), "w");
-    if (out == nullptr) return host_fault("cannot write " + file.string());
-    const bool written = std::fwrite(text.data(), 1, text.size(), out) == text.size();
-    if (std::fclose(out) != 0 || !written) return host_fault("cannot write " + file.string());
-    return {};
+// The case to film; in another size it becomes a case folder beside the film.
+Result<Case> filmed_case(const PhantomOptions& options) {
+    CaseReadOptions reading;
+    reading.observations = options.scale != 1.0;
+    TERES_TRY_ASSIGN(Case c, read_case(options.case_folder, reading));
+    if (options.scale == 1.0) return c;
+    TERES_TRY(phantom::write_scaled_case(c, options.scale, options.out / "case"));
+    return read_case(options.out / "case", reading);
+}
+
+Result<std::optional<phantom::Respiration>> respiration_of(const PhantomOptions& options) {
+    if (options.respiration.file.empty()) return std::optional<phantom::Respiration>();
+    TERES_TRY_ASSIGN(auto breath, phantom::Respiration::read(options.respiration, options.seconds));
+    std::printf("breathing: %s of %s, range %.1f mm over the record; the case does not know: the whole phantom moves, as respiration.csv says\n",
+                breath.column().c_str(), options.respiration.file.c_str(), 1e3 * breath.range_m());
+    if (const auto truth = read_text_file(options.case_folder / "truth.json"); truth && truth->find("moving_attachment") != std::string::npos)
+        std::printf("the case itself has attachments that move (truth.json: moving_attachment): both motions add up\n");
+    return std::optional(std::move(breath));
 }
 
 Result<int> film(const PhantomOptions& options) {
-    CaseReadOptions reading;
-    reading.observations = false;
-    TERES_TRY_ASSIGN(const Case c, read_case(options.case_folder, reading));
+    std::error_code failure;
+    fs::create_directories(options.out, failure);
+    if (failure) return host_fault("cannot make the folder " + options.out.string() + ": " + failure.message());
+    TERES_TRY_ASSIGN(const Case c, filmed_case(options));
     phantom::SceneOptions scene_options;
     scene_options.occlusion = options.occlusion;
+    TERES_TRY_ASSIGN(scene_options.respiration, respiration_of(options));
     TERES_TRY_ASSIGN(Scene scene, Scene::make(c, scene_options));
     const phantom::DepthSensorOptions sensor_options;
     const Rig rig(c, scene.camera(), sensor_options);
@@ -161,12 +197,9 @@ Result<int> film(const PhantomOptions& options) {
     DepthSensor sensor(sensor_options, rig.depth.camera.fx_px, options.seed + 1);
     Renderer renderer(scene, {.bright_markers = options.markers == "bright", .no_markers = options.markers == "none", .texture = options.texture}, options.seed);
 
-    std::error_code failure;
-    fs::create_directories(options.out, failure);
-    if (failure) return host_fault("cannot make the folder " + options.out.string() + ": " + failure.message());
     TERES_TRY_ASSIGN(Film film, Film::open(options.out / "recording.lcm"));
     const LoadTracks loads(c);
-    Truth truth;
+    Truth truth(c);
     const auto frames = static_cast<std::size_t>(std::llround(options.seconds * options.rate_hz)) + 1;
     Progress progress("filming", frames);
     double next_info_s = 0.0;
@@ -208,11 +241,10 @@ Result<int> film(const PhantomOptions& options) {
         progress.step();
     }
     progress.finish();
-    TERES_TRY(write_positions(options.out / "markers.csv", "marker_id", truth.markers));
-    TERES_TRY(write_text(options.out / "visible.csv", truth.visible));
+    TERES_TRY(truth.write(options.out, scene_options.respiration.has_value()));
     std::printf("%s: %zu frames, %.1f s at %.0f Hz, %zu markers, %.1f %% of them hidden, %.1f MB\n",
                 (options.out / "recording.lcm").c_str(), frames, options.seconds, options.rate_hz, scene.markers().size(),
-                100.0 * (1.0 - static_cast<double>(truth.seen) / static_cast<double>(truth.all)), film.megabytes());
+                100.0 * truth.hidden_share(), film.megabytes());
     return kDone;
 }
 
@@ -225,9 +257,13 @@ void add_phantom_command(CLI::App& app, int& exit_code) {
         "  teres phantom config/cases/demo -o film                      # colour and depth, 8 s\n"
         "  teres phantom config/cases/demo -o film --seconds 60 --occlusion 0.3\n"
         "  teres replay film/recording.lcm --case config/cases/demo --set service.plugins=observation,simulation,estimator\n"
+        "  teres phantom config/cases/demo -o film --seconds 60 --respiration breath.csv --respiration-amplitude-mm 15\n"
+        "  teres phantom config/cases/demo -o film --scale 0.5          # half size; then --case film/case\n"
         "Writes recording.lcm (CAMERA_COLOR, CAMERA_DEPTH or CAMERA_LEFT and _RIGHT, their _INFO, TOOL_LOADS), and the\n"
-        "truth: markers.csv, visible.csv. The liver moves with the true points of the case (validation.csv), to the end of\n"
-        "its recording and back; the case needs the camera's pose.",
+        "truth: markers.csv, visible.csv, validation.csv (inner points). The liver moves with the true points of the case (validation.csv), to the end of\n"
+        "its recording and back; the case needs the camera's pose.\n"
+        "breath.csv: t_s,NAME,.. in s and mm (positions of skin markers), steps up to 1 s, as long as the film at least: it is not\n"
+        "repeated. Liver, cloth and frame are carried together by what it says since its first line; the truth holds it.",
         [options] {
             const Result<int> code = film(*options);
             return code ? *code : report(code.error());
@@ -239,6 +275,16 @@ void add_phantom_command(CLI::App& app, int& exit_code) {
     verb->add_option("--occlusion", options->occlusion, "Share of the liver behind a sweeping retractor")
         ->capture_default_str()
         ->check(CLI::Range(0.0, 0.9));
+    verb->add_option("--scale", options->scale, "Size against the case's; other than 1: writes the scaled case to DIR/case")
+        ->capture_default_str()
+        ->check(CLI::Range(0.1, 2.0));
+    verb->add_option("--respiration", options->respiration.file, "Breathing curve that carries the phantom [s, mm]")->type_name("CSV");
+    verb->add_option("--respiration-column", options->respiration.column, "Column of it; default: the one of the largest range")->type_name("NAME");
+    verb->add_option("--respiration-amplitude-mm", options->respiration.amplitude_mm, "Range of the motion over the whole record; 0: as recorded")
+        ->capture_default_str()
+        ->check(CLI::Range(0.0, 200.0));
+    verb->add_option("--respiration-direction", options->respiration.direction, "Where growing values move it, case axes (default 0 -1 0: caudal)")
+        ->type_name("X Y Z");
     verb->add_option("--markers", options->markers, "Paint of the markers")
         ->capture_default_str()
         ->check(CLI::IsMember({"dark", "bright", "none"}));

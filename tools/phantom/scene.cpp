@@ -55,8 +55,9 @@ Result<Scene> Scene::make(const Case& c, const SceneOptions& options) {
     scene.add_box({hx + gap, ly - gap - kBoard, lz - 0.02}, {hx + gap + kBoard, hy + gap + kBoard, lz + 0.03}, Material::kWood);
     scene.add_box({lx - gap, hy + gap, lz - 0.02}, {hx + gap, hy + gap + kBoard, lz + 0.03}, Material::kWood);
     scene.add_box({lx - gap, ly - gap - kBoard, lz - 0.02}, {hx + gap, ly - gap, lz + 0.03}, Material::kWood);
-    scene.add_box({lx - 0.15, ly - 0.15, lz - 0.05}, {hx + 0.15, hy + 0.15, lz - 0.04}, Material::kTable);
     scene.add_band(c, surface);
+    scene.table_begin_ = scene.mesh_.rest.size();
+    scene.add_box({lx - 0.15, ly - 0.15, lz - 0.05}, {hx + 0.15, hy + 0.15, lz - 0.04}, Material::kTable);
     if (options.occlusion > 0.0) scene.add_retractor();
     scene.mesh_.now = scene.mesh_.rest;
     scene.move_to(0.0);
@@ -90,6 +91,7 @@ Status Scene::read_motion(const Case& c) {
         at_nodes.row(static_cast<Eigen::Index>(i)) = terms(c.mesh.nodes[at(surface_nodes_[i])]).transpose();
 
     for (std::size_t first = 0, end = 0; first < rows.size(); first = end) {
+        auto& true_points = points_.emplace_back(c.validation_rest.size());
         Eigen::MatrixXd u = Eigen::MatrixXd::Constant(points + 4, 3, std::numeric_limits<double>::quiet_NaN());
         u.bottomRows<4>().setZero();
         for (end = first; end < rows.size() && rows[end].t_s == rows[first].t_s; ++end) {
@@ -97,6 +99,7 @@ Status Scene::read_motion(const Case& c) {
             if (found == row_of.end()) continue;
             const Point d = minus(rows[end].position_m, c.validation_rest[static_cast<std::size_t>(found->second)].position_m);
             u.row(found->second) << d[0], d[1], d[2];
+            true_points[static_cast<std::size_t>(found->second)] = rows[end].position_m;
         }
         if (!u.allFinite())
             return invalid_input(file.string() + ": a point is missing at t = " + std::to_string(rows[first].t_s) + " s");
@@ -174,8 +177,14 @@ void Scene::move_to(double t_s) {
     const auto after = std::upper_bound(times_.begin(), times_.end(), t);
     const auto k = static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(after - times_.begin(), 1, std::ssize(times_) - 1));
     const double w = std::clamp((t - times_[k - 1]) / (times_[k] - times_[k - 1]), 0.0, 1.0);
-    for (std::size_t i = 0; i < surface_nodes_.size(); ++i)
-        mesh_.now[at(surface_nodes_[i])] = plus(times(1.0 - w, trajectories_[k - 1][i]), times(w, trajectories_[k][i]));
+    const auto between = [&](const std::vector<std::vector<Point>>& paths, std::size_t i) {
+        return plus(shift_now_, plus(times(1.0 - w, paths[k - 1][i]), times(w, paths[k][i])));
+    };
+    shift_now_ = options_.respiration ? options_.respiration->at(t_s) : Point{};
+    for (std::size_t v = 0; v < table_begin_; ++v) mesh_.now[v] = plus(mesh_.rest[v], shift_now_);
+    for (std::size_t i = 0; i < surface_nodes_.size(); ++i) mesh_.now[at(surface_nodes_[i])] = between(trajectories_, i);
+    points_now_.resize(points_[k].size());
+    for (std::size_t i = 0; i < points_now_.size(); ++i) points_now_[i] = between(points_, i);
     move_retractor(t_s);
 }
 

@@ -1,17 +1,21 @@
 // What the phantom consists of: a liver that moves as an independent solver says (validation.csv of the case folder), a
 // cloth band that holds it, a wooden frame, a table, and a retractor that sweeps in front.
 //
+// A breathing curve shifts liver, band and frame together; table, retractor, lamp and camera stay.
+//
 //     u(X) = A [1 X] + Σ_k c_k |X - X_k|³        polyharmonic spline through the true points: u(X_k) = x_k - X_k
 #pragma once
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "core/camera/camera_model.h"
 #include "core/case/case.h"
 #include "core/case/surface.h"
 #include "core/result.h"
+#include "tools/phantom/respiration.h"
 
 namespace teres::phantom {
 
@@ -28,6 +32,7 @@ struct SceneOptions {
     double occlusion = 0.0;          ///< share of the liver's width that the retractor covers, 0..0.9
     double sweep_period_s = 7.3;     ///< of the retractor, there and back
     double marker_radius_m = 0.003;
+    std::optional<Respiration> respiration;
 };
 
 class Scene {
@@ -49,6 +54,10 @@ class Scene {
     };
     const std::vector<Marker>& markers() const { return markers_; }
     Point marker_now(const Marker& marker) const;
+    /// The case's true points, in the order of its validation_rest.
+    const std::vector<Point>& points_now() const { return points_now_; }
+    /// How far breathing has carried the phantom [m].
+    const Point& shift_now() const { return shift_now_; }
 
   private:
     Status read_motion(const Case& c);
@@ -64,6 +73,10 @@ class Scene {
     std::vector<std::int32_t> surface_nodes_;       // vertices of mesh_ that move with the liver
     std::vector<double> times_;                     // of the trajectories
     std::vector<std::vector<Point>> trajectories_;  // [time][surface node]
+    std::vector<std::vector<Point>> points_;        // [time][true point]
+    std::vector<Point> points_now_;
+    Point shift_now_{};
+    std::size_t table_begin_ = 0;                   // vertex; those before it breathe
     std::size_t retractor_begin_ = 0;               // vertex
     Point low_{}, high_{};                          // box of the liver at rest
 };
