@@ -7,10 +7,9 @@
 #include <optional>
 
 #include "core/case/case_reader.h"
-#include "core/case/csv_table.h"
 #include "core/log_reader.h"
 #include "plugins/observation/frame_check.h"
-#include "plugins/observation/lift.h"
+#include "plugins/observation/landmarks.h"
 #include "plugins/observation/rigid_registration.h"
 #include "tools/film_commands.h"
 
@@ -47,22 +46,13 @@ Result<View> first_view(const std::filesystem::path& file) {
     return invalid_input(file.string() + ": no sound CAMERA_DEPTH frame with CAMERA_DEPTH_INFO and CAMERA_COLOR_INFO before it");
 }
 
-// Pose of the depth camera from landmarks seen in the colour image.
+// Pose of the colour camera from landmarks seen in its image.
 Result<Pose> from_landmarks(const std::filesystem::path& file, const View& view, const Pose& depth_to_color, double guess_z_m) {
-    const std::vector<CsvColumn> columns{{"landmark", CsvKind::kText}, {"x_m"}, {"y_m"}, {"z_m"}, {"u_px"}, {"v_px"}};
-    TERES_TRY_ASSIGN(const CsvTable table, CsvTable::read(file, columns));
+    TERES_TRY_ASSIGN(const auto landmarks, read_landmarks(file));
     const DepthLift lift(view.counts, view.depth.depth_unit_m, view.depth.camera, view.color.camera, depth_to_color.inverse(), {});
-    std::vector<Point> camera, model;
-    for (std::size_t row = 0; row < table.num_rows(); ++row) {
-        const auto seen = lift.at({{table.number(row, 4), table.number(row, 5)}}, guess_z_m);
-        if (!seen) {
-            std::printf("%s: no depth, left out\n", std::string(table.text(row, 0)).c_str());
-            continue;
-        }
-        camera.push_back(depth_to_color.inverse().apply({seen->x.x(), seen->x.y(), seen->x.z()}));
-        model.push_back({table.number(row, 1), table.number(row, 2), table.number(row, 3)});
-    }
-    return align_landmarks(camera, model);
+    TERES_TRY_ASSIGN(const LandmarkPose found, pose_from_landmarks(landmarks, lift, guess_z_m));
+    for (const std::string& name : found.left_out) std::printf("%s: no depth, left out\n", name.c_str());
+    return found.camera_to_case;
 }
 
 nlohmann::json json_of(const Registration& r, const Pose& color_to_case) {
@@ -88,10 +78,11 @@ Result<int> register_camera(const RegisterOptions& o) {
                                     ? view.depth.to_reference
                                     : view.color.to_reference.inverse() * view.depth.to_reference;
     const auto stated = view.color.reference_frame == c.name ? std::optional(view.color.to_reference) : camera_pose(c.sensor);
-    Pose start;
+    Pose start;  // of the depth camera
     if (!o.landmarks.empty()) {
         const double guess_z_m = stated ? std::max(0.05, stated->inverse().t[2]) : 0.3;
-        TERES_TRY_ASSIGN(start, from_landmarks(o.landmarks, view, depth_to_color, guess_z_m));
+        TERES_TRY_ASSIGN(const Pose color_start, from_landmarks(o.landmarks, view, depth_to_color, guess_z_m));
+        start = color_start * depth_to_color;
     } else if (stated) {
         start = *stated * depth_to_color;
     } else {

@@ -12,6 +12,7 @@
 #include "core/plugin_sdk.h"
 #include "plugins/observation/frame_check.h"
 #include "plugins/observation/frame_clock.h"
+#include "plugins/observation/landmarks.h"
 #include "plugins/observation/marker_tracker.h"
 #include "plugins/observation/observation_settings.h"
 #include "plugins/observation/stereo_lift.h"
@@ -56,6 +57,12 @@ class ObservationPlugin final : public Unit {
         settings.tracker.bright = settings.markers == "bright";
         if ((settings.surface_points > 0 || settings.features == "texture") && settings.source != "depth")
             return invalid_input("observation.surface_points and observation.features = \"texture\" need observation.source = \"depth\": a stereo pair gives no depth image");
+        landmarks_.clear();
+        if (!settings.landmarks.empty()) {
+            if (settings.registration != "surface" || settings.source != "depth")
+                return invalid_input("observation.landmarks needs observation.registration = \"surface\" and observation.source = \"depth\"");
+            TERES_TRY_ASSIGN(landmarks_, read_landmarks(settings.landmarks));
+        }
         settings.texture.max_flow_error_px = settings.tracker.max_flow_error_px;
         settings.texture.consistency_limit_m = settings.tracker.consistency_limit_m;
         settings.texture.neighbour_reach_m = settings.tracker.neighbour_reach_m;
@@ -69,6 +76,7 @@ class ObservationPlugin final : public Unit {
                                            stereo ? FrameCheck::Kind::kGrey : FrameCheck::Kind::kDepth);
         color_to_case_.reset();
         registration_.reset();
+        start_.reset();
         next_attempt_us_ = last_seen_us_ = std::numeric_limits<std::int64_t>::min();
         swapped_in_a_row_ = 0;
         tracker_.reset();
@@ -159,15 +167,30 @@ class ObservationPlugin final : public Unit {
         for (std::size_t n = 0; n < liver_.size(); ++n) liver_[n] = {m.x_m[n], m.y_m[n], m.z_m[n]};
     }
 
-    // Where the tracking camera stands: as found, else as its stream says, or that of the colour camera which it refers to, or
+    // Where the tracking camera stands: as found, else as landmarks say, else as its stream says, or that of the colour camera which it refers to, or
     // the case.
     std::optional<Pose> camera_to_case() const {
         if (registration_) return registration_->camera_to_case;
+        if (start_) return start_;
         const StreamInfo& info = *first_->check.info();
         if (info.reference_frame == case_.name) return info.to_reference;
         auto pose = color_to_case_ ? color_to_case_ : camera_pose(case_.sensor);
         if (pose && info.reference_frame == "camera_color") pose = *pose * info.to_reference;
         return pose;
+    }
+
+    DepthLift depth_lift() const {
+        const StreamInfo& depth = *second_->check.info();
+        return {*second_->image, depth.depth_unit_m, depth.camera, first_->check.info()->camera, second_to_first().inverse(), settings.lift};
+    }
+
+    void start_from_landmarks() {
+        if (landmarks_.empty() || start_) return;
+        const auto stated = camera_to_case();
+        const auto found = pose_from_landmarks(landmarks_, depth_lift(), stated ? std::max(0.05, stated->inverse().t[2]) : 0.3);
+        if (!found) return warn_once("landmarks: " + found.error().text + "; tried again");
+        start_ = found->camera_to_case;
+        tracker_.reset();
     }
 
     bool make_tracker() {
@@ -187,6 +210,7 @@ class ObservationPlugin final : public Unit {
 
     bool work() {
         ++frames_;
+        start_from_landmarks();
         if (!tracker_ && !make_tracker()) return false;
         const bool stereo = settings.source == "stereo";
         const StreamInfo& second = *second_->check.info();
@@ -198,7 +222,7 @@ class ObservationPlugin final : public Unit {
             meeting.min_area_ratio = settings.tracker.min_area_ratio;
             lift = std::make_unique<StereoLift>(pair, right_dots_, settings.lift, meeting);
         } else {
-            lift = std::make_unique<DepthLift>(*second_->image, second.depth_unit_m, second.camera, pair.left, pair.right_to_left.inverse(), settings.lift);
+            lift = std::make_unique<DepthLift>(depth_lift());
         }
         if (settings.registration == "surface" && !registered(*lift)) return false;
         if (settings.features == "texture" && !track_texture(*lift)) return false;
@@ -452,6 +476,8 @@ class ObservationPlugin final : public Unit {
     std::vector<Point> liver_;  // nodes as predicted, case axes
     surface_points_t surface_{};
     std::int64_t surface_sequence_ = 0;
+    std::vector<Landmark> landmarks_;
+    std::optional<Pose> start_;  // from them
     std::optional<Registration> registration_;
     std::int64_t next_attempt_us_ = 0, last_seen_us_ = 0, registration_sequence_ = 0;
     std::vector<Blob> right_dots_;

@@ -1,6 +1,7 @@
 // Settings of the unit `observation`: default, unit, range and help of each, in one place.
 #pragma once
 
+#include <filesystem>
 #include <string>
 
 #include "core/plugin_sdk.h"
@@ -20,6 +21,7 @@ struct ObservationSettings {
     TrackerOptions tracker;
     LiftOptions lift;
     std::string registration = "stated";
+    std::filesystem::path landmarks;
     RegistrationOptions refine{.stride_px = 6};
     double registration_lost_s = 5.0;
     int surface_points = 0;
@@ -54,6 +56,9 @@ struct ObservationSettings {
         field("registration", registration, "stated|surface",
               "pose of the camera to the model: as stream or case state it; surface: that, then refined on dots and depth surface "
               "at the start and whenever the markers are lost (REGISTRATION; the liver at rest)");
+        field("landmarks", landmarks,
+              "surface: start from where these are seen (landmark,x_m,y_m,z_m,u_px,v_px: model at rest, tracking camera's image at the start), "
+              "not from the stated pose; empty: none");
         field("registration_gate_m", refine.start_gate_m, {1e-3, 0.5}, "surface: points farther from the model at the start are not of the liver");
         field("registration_max_rms_m", refine.max_rms_m, {1e-4, 0.1}, "surface: refused if the points stay farther from the model");
         field("registration_lost_s", registration_lost_s, {0.0, 3600.0}, "surface: found anew after so long without a marker; 0: never");
