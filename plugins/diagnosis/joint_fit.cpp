@@ -113,7 +113,7 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
     bool current = false;
     Eigen::VectorXd whole_u = scaled(start);
     const auto linearise = [&](Fit& fit) {
-        const bool far = (fit.u - whole_u).cwiseAbs().maxCoeff() > kFarFromWhole && !simulator.mechanics().dynamic();
+        const bool far = (fit.u - whole_u).lpNorm<Eigen::Infinity>() > kFarFromWhole && !simulator.mechanics().dynamic();
         if (far && simulator.simulate(fit.at, fit.trajectory)) {
             weigh(fit);
             whole_u = fit.u;
@@ -165,7 +165,7 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
         Eigen::MatrixXd damped = normal;
         damped.diagonal() *= 1.0 + damping;
         Eigen::VectorXd du = step_within_bounds(best, damped, gradient);
-        du *= std::min(1.0, kMaxStep / std::max(du.cwiseAbs().maxCoeff(), 1e-300));
+        du *= std::min(1.0, kMaxStep / std::max(du.lpNorm<Eigen::Infinity>(), 1e-300));
         Fit next = evaluate(best.u + du);
         const double ratio = (best.cost - next.cost) / promised(du);
         if (ratio > 0.0) {  // H. B. Nielsen's update of the damping
