@@ -26,6 +26,8 @@ inline Eigen::Vector3d toy_marker(std::size_t m) {
     return {0.04 * static_cast<double>(m % 4), 0.05 * static_cast<double>(m / 4), 0.01 * static_cast<double>(m % 3)};
 }
 
+inline constexpr std::array kKnown{38.0, 70.0};  // supports, N/m
+
 class ToyBody final : public TrajectoryModel {
   public:
     enum Effect : std::size_t { kStiffness, kGravity, kUnknownLoad, kMaterialLaw, kCut };
@@ -66,7 +68,11 @@ class ToyBody final : public TrajectoryModel {
         }
     }
 
-    std::size_t num_parameters() const noexcept override { return 2; }
+    bool known_supports = false;  ///< k = (38, 70): nothing nominal is unknown
+    bool inertia = false;         ///< says that it is dynamic
+
+    bool dynamic() const noexcept override { return inertia; }
+    std::size_t num_parameters() const noexcept override { return known_supports ? 0 : 2; }
     NominalParameter parameter(std::size_t i) const noexcept override {
         return {i == 0 ? "support.0" : "support.1", "N/m", std::log(50.0), 0.5, 1.0, 1e4};
     }
@@ -114,7 +120,7 @@ class ToyBody final : public TrajectoryModel {
                 for (std::size_t j = 0; j < 2; ++j) {
                     const double load = std::max(0.0, std::sin((j == 0 ? 1.3 : 0.8) * t + 2.0 * static_cast<double>(j)));
                     const double near = std::exp(-(x - place[j]).squaredNorm() / (kToyWidth * kToyWidth));
-                    u += direction[j] * load * (0.3 / h.theta[j] + near / (scale * kToyE));
+                    u += direction[j] * load * (0.3 / (h.theta.empty() ? kKnown[j] : h.theta[j]) + near / (scale * kToyE));
                 }
                 u += g * (x.x() + 0.02) / (4.0 * scale * kToyE * 0.1);
                 if (t >= onset) {

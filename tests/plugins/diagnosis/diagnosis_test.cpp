@@ -82,6 +82,18 @@ TEST(Diagnosis, ControlIsAnsweredNone) {
     }
 }
 
+// A clamped beam, released: no nominal parameter, beginnings first.
+TEST(Diagnosis, DynamicBodyWithoutNominalParameters) {
+    const std::vector<double> v{1.6};
+    Scene scene({{test::ToyBody::kStiffness, v}});
+    scene.body.known_supports = scene.body.inertia = true;
+    const auto d = scene.run();
+    ASSERT_TRUE(d) << d.error().text;
+    ASSERT_EQ(scene.names(*d), Names{"stiffness"}) << listing(*d, *scene.effects);
+    EXPECT_NEAR(d->named()->fit.at.effects[0].values[0], 1.6, 0.16) << "the data move 2 % more than the model";
+    EXPECT_TRUE(d->nominal.at.theta.empty());
+}
+
 TEST(Diagnosis, ForceLikeCauseIsNamedPlacedAndTimed) {
     const std::vector<double> v{0.15, -0.1, -0.35, 0.08, 0.03, 5.3};
     Scene scene({{test::ToyBody::kUnknownLoad, v}});
