@@ -296,23 +296,27 @@ GapRecording whole_of(GapRecording recording) {
 struct Forecast {
     Recording recording;
     Simulator simulator;
+    bool beginning_fitted = false;  // else fits of this recording know their trajectories
     std::vector<std::pair<Assumption, Eigen::VectorXd>> known{};
 
     static Result<Forecast> make(const GapRecording& from, const EffectTable& effects) {
         const GapRecording all = whole_of(from);
         TERES_TRY_ASSIGN(Recording recording, make_recording(all));
-        if (from.whole_mechanics != nullptr) recording.hold_out_frames(from.mechanics->num_frames());
-        return Forecast{std::move(recording), Simulator(*all.mechanics, all.sensors, effects)};
+        const bool beginning = from.whole_mechanics != nullptr;
+        if (beginning) recording.hold_out_frames(from.mechanics->num_frames());
+        return Forecast{std::move(recording), Simulator(*all.mechanics, all.sensors, effects), beginning};
     }
-    const Eigen::VectorXd& operator()(const Assumption& at, std::vector<double>* points_m = nullptr) {
+    Eigen::VectorXd of(const Fit& fit) { return beginning_fitted ? under(fit.at) : fit.trajectory; }
+    Eigen::VectorXd under(const Assumption& at) {
         for (const auto& [assumption, trajectory] : known)
-            if (points_m == nullptr && assumption.theta == at.theta && assumption.effects == at.effects) return trajectory;
-        known.emplace_back(at, Eigen::VectorXd{});
-        simulator.simulate(at, known.back().second, points_m, nullptr);
-        return known.back().second;
+            if (assumption.theta == at.theta && assumption.effects == at.effects) return trajectory;
+        Eigen::VectorXd trajectory;
+        simulator.simulate(at, trajectory);
+        known.emplace_back(at, trajectory);
+        return trajectory;
     }
     double rms_m(const Assumption& at) {
-        return gap_rms_m(recording.observed, (*this)(at), recording.seen_rows(), recording.noise_m);
+        return gap_rms_m(recording.observed, under(at), recording.seen_rows(), recording.noise_m);
     }
 };
 
@@ -352,6 +356,42 @@ std::vector<std::string> ids(const EffectTable& effects, const std::vector<std::
     std::vector<std::string> list;
     for (const std::size_t e : entries) list.emplace_back(effects[e].info.id);
     return list;
+}
+
+// The gap on held-out data before and after, step by step, beside what the best cause of another family would do.
+void close_on_held_out(Diagnosis& out, Forecast& forecast, const Fit& best, const EffectTable& effects) {
+    const Cause* named = out.named();
+    const Recording& all = out.predicted = forecast.recording;
+    Eigen::VectorXd after = out.after;
+    if (forecast.beginning_fitted) forecast.simulator.simulate(best.at, after, &out.points_m, nullptr);
+    forecast.known.emplace_back(best.at, after);
+    const Eigen::VectorXd before = forecast.of(out.nominal);
+    out.shrinkage = shrinkage(all, all.held_rows, before, after);
+
+    const auto ladder_step = [&](const std::vector<std::size_t>& entries, const Fit& fit) {
+        out.ladder.push_back(
+            {ids(effects, entries),
+             gap_rms_m(out.recording.observed, fit.trajectory, out.recording.fit_rows, out.recording.noise_m),
+             gap_rms_m(all.observed, forecast.of(fit), all.held_rows, all.noise_m)});
+    };
+    ladder_step({}, out.nominal);
+    if (named == nullptr) return;
+    for (std::size_t k = 1; k <= named->entries.size(); ++k) {
+        const std::vector<std::size_t> first(named->entries.begin(), named->entries.begin() + static_cast<std::ptrdiff_t>(k));
+        for (const Cause& cause : out.verdict.causes)
+            if (cause.fit.usable && cause.entries == first) ladder_step(first, cause.fit);
+    }
+    const auto family_is_named = [&](const Cause& cause) {
+        return std::any_of(named->entries.begin(), named->entries.end(), [&](std::size_t e) {
+            return std::string_view(effects[e].info.family) == effects[cause.entries[0]].info.family;
+        });
+    };
+    const auto wrong = std::find_if(out.verdict.causes.begin(), out.verdict.causes.end(), [&](const Cause& cause) {
+        return cause.fit.usable && cause.entries.size() == 1 && !family_is_named(cause);
+    });
+    if (wrong == out.verdict.causes.end()) return;
+    out.best_wrong = shrinkage(all, all.held_rows, before, forecast.of(wrong->fit));
+    out.best_wrong_effects = ids(effects, wrong->entries);
 }
 
 }  // namespace
@@ -395,7 +435,7 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     out.verdict = judge(std::move(causes), out.nominal.cost, problem.floor, options.calibration);
     out.significant = out.verdict.none_probability < 0.5;
 
-    // Where it lies.
+    // Where it lies, how far it closes on what was held out, whether it carries over.
     const Cause* named = out.named();
     const Fit& best = named != nullptr ? named->fit : out.nominal;
     simulator.simulate(out.nominal.at, out.nominal.trajectory, nullptr, &out.nodes_before_m);
@@ -404,39 +444,11 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     out.floor_m = std::sqrt(3.0 * problem.floor.total() / problem.whitener.inverse_sigma().squaredNorm());
     out.where = locate(simulator, problem.whitener, out.recording, out.nominal, out.significant ? named : nullptr,
                        out.significant);
-    simulator.simulate(best.at, out.after, nullptr, &out.nodes_after_m);
-
-    // How far it closes on what was held out.
     stage(options, "held-out data")(0.0);
     TERES_TRY_ASSIGN(Forecast forecast, Forecast::make(recordings[0], effects));
-    if (recordings[0].whole_mechanics == nullptr) forecast.recording = out.recording;
-    const Recording& all = out.predicted = forecast.recording;
-    const Eigen::VectorXd before = forecast(out.nominal.at);
-    forecast(best.at, &out.points_m);
-    const auto ladder_step = [&](const std::vector<std::size_t>& entries, const Fit& fit) {
-        out.ladder.push_back(
-            {ids(effects, entries),
-             gap_rms_m(out.recording.observed, fit.trajectory, out.recording.fit_rows, out.recording.noise_m),
-             gap_rms_m(all.observed, forecast(fit.at), all.held_rows, all.noise_m)});
-    };
-    ladder_step({}, out.nominal);
-    if (named != nullptr)
-        for (std::size_t k = 1; k <= named->entries.size(); ++k)
-            for (const Cause& cause : out.verdict.causes)
-                if (cause.fit.usable && cause.entries == std::vector<std::size_t>(named->entries.begin(),
-                                                                                  named->entries.begin() + static_cast<std::ptrdiff_t>(k)))
-                    ladder_step(cause.entries, cause.fit);
-    out.shrinkage = shrinkage(all, all.held_rows, before, forecast(best.at));
-    for (const Cause& cause : out.verdict.causes) {
-        if (named == nullptr || !cause.fit.usable || cause.entries.size() != 1) continue;
-        const auto family = [&](std::size_t e) { return std::string_view(effects[e].info.family); };
-        if (std::any_of(named->entries.begin(), named->entries.end(),
-                        [&](std::size_t e) { return family(e) == family(cause.entries[0]); }))
-            continue;
-        out.best_wrong = shrinkage(all, all.held_rows, before, forecast(cause.fit.at));
-        out.best_wrong_effects = ids(effects, cause.entries);
-        break;
-    }
+    if (!forecast.beginning_fitted) forecast.recording = out.recording;
+    simulator.simulate(best.at, out.after, forecast.beginning_fitted ? nullptr : &out.points_m, &out.nodes_after_m);
+    close_on_held_out(out, forecast, best, effects);
     TERES_TRY_ASSIGN(out.transfers, transfer(problem, forecast, out.nominal, best, recordings, effects));
     out.next_experiment = next_experiment(effects, out.verdict, out.confusability, options.calibration, out.significant);
     out.discrepancy = std::move(problem.discrepancy);

@@ -7,6 +7,7 @@
 #include "core/check.h"
 #include "plugins/simulation/cholesky.h"
 #include "plugins/simulation/frame_choice.h"
+#include "plugins/simulation/marker_rows.h"
 
 namespace teres {
 
@@ -25,27 +26,6 @@ constexpr std::size_t kStaticFrames = 4;     // at which a change is followed st
 constexpr double kNoMotion = 1e-12;          // m
 constexpr std::size_t kSolvedShare = 3;   // approximate(): one in so many frames is solved
 constexpr std::size_t kFewFrames = 24;    // ... of more than these
-
-// dz/dx_i of a rider z = sum w_i x_i + o n, n = c/|c|, c = (x_1 - x_0) x (x_2 - x_0):  dn = (I - n n^T)/|c|
-// dc
-std::array<Matrix3d, 3> rider_derivative(const SurfaceRider& rider, const double* x) {
-    const auto at = [&](std::size_t i) { return Eigen::Map<const Vector3d>(x + 3 * rider.node[i]); };
-    const Vector3d a = at(1) - at(0), b = at(2) - at(0), c = a.cross(b);
-    const double length = c.norm();
-    const Vector3d n = c / length;
-    const Matrix3d turn = rider.offset_m / length * (Matrix3d::Identity() - n * n.transpose());
-    const auto skew = [](const Vector3d& v) {
-        Matrix3d S;
-        S << 0.0, -v.z(), v.y(), v.z(), 0.0, -v.x(), -v.y(), v.x(), 0.0;
-        return S;
-    };
-    std::array<Matrix3d, 3> D;
-    D[1] = -turn * skew(b);  // dc = da x b = -b x da
-    D[2] = turn * skew(a);   // dc = a x db
-    D[0] = -D[1] - D[2];
-    for (std::size_t i = 0; i < 3; ++i) D[i] += rider.weight[i] * Matrix3d::Identity();
-    return D;
-}
 
 }  // namespace
 
@@ -289,32 +269,6 @@ void Trajectory::enter_frame(const Hypothesis& h, std::size_t f, ViscousMemory& 
     memory.finish_step(scene.viscosity, player_->step_s(f), stress);
 }
 
-MatrixXd Trajectory::marker_rows(const double* x) const {
-    const CaseModel& model = player_->model();
-    const auto& pattern = model.system().pattern();
-    MatrixXd Ht = MatrixXd::Zero(pattern.num_rows(), static_cast<Eigen::Index>(3 * num_markers()));
-    for (std::size_t m = 0; m < num_markers(); ++m) {
-        const SurfaceRider& rider = model.markers()[m];
-        const auto D = rider_derivative(rider, x);
-        for (std::size_t i = 0; i < 3; ++i)
-            if (const auto node = pattern.free_index(rider.node[i]); node >= 0)
-                Ht.block<3, 3>(3 * node, static_cast<Eigen::Index>(3 * m)) += D[i].transpose();
-    }
-    return Ht;
-}
-
-MatrixXd Trajectory::point_rows() const {
-    const CaseModel& model = player_->model();
-    const auto& pattern = model.system().pattern();
-    MatrixXd Ht = MatrixXd::Zero(pattern.num_rows(), static_cast<Eigen::Index>(3 * num_points()));
-    for (std::size_t m = 0; m < num_points(); ++m)
-        for (std::size_t i = 0; i < 4; ++i)
-            if (const auto node = pattern.free_index(model.points()[m].node[i]); node >= 0)
-                Ht.block<3, 3>(3 * node, static_cast<Eigen::Index>(3 * m)) +=
-                    model.points()[m].weight[i] * Matrix3d::Identity();
-    return Ht;
-}
-
 // Tangent of the scene as it is now; a diagonal shift where it is indefinite.
 bool Trajectory::factorise(const Hypothesis& h, const ExternalActions& actions, const VectorXd& x,
                            Cholesky& factor) const {
@@ -357,8 +311,8 @@ void Trajectory::prepare_compliances(bool points) const {
             factor->solve(Ht);
             return Ht.transpose().cast<float>();
         };
-        if (!base_.with_markers) out.markers = rows(marker_rows(x.data()));
-        if (points) out.points = rows(point_rows());
+        if (!base_.with_markers) out.markers = rows(marker_rows(player_->model(), x.data()));
+        if (points) out.points = rows(point_rows(player_->model()));
     };
     const std::size_t num_frames = base_.x.size();
     std::vector<std::size_t> at{0};
@@ -386,8 +340,8 @@ void Trajectory::prepare_compliances(bool points) const {
             if (const auto node = pattern.free_index(static_cast<NodeIndex>(i)); node >= 0)
                 mass.segment<3>(3 * node).setConstant(scene.parts.node_mass_kg(i));
         base_.modal = std::make_unique<ModalResponse>(*factor, mass, kModes);
-        base_.modal_markers = marker_rows(middle.data()).transpose() * base_.modal->modes();
-        base_.modal_points = point_rows().transpose() * base_.modal->modes();
+        base_.modal_markers = marker_rows(player_->model(), middle.data()).transpose() * base_.modal->modes();
+        base_.modal_points = point_rows(player_->model()).transpose() * base_.modal->modes();
         base_.tangent = std::move(factor);
     }
     base_.with_markers = true;

@@ -134,8 +134,6 @@ class Trajectory final : public TrajectoryModel {
     void prepare_compliances(bool points) const;
     bool factorise(const Hypothesis& h, const ExternalActions& actions, const Eigen::VectorXd& x,
                    Cholesky& factor) const;
-    Eigen::MatrixXd marker_rows(const double* x) const;  // H^T over free rows
-    Eigen::MatrixXd point_rows() const;
     // The scene of a hypothesis at a frame of the base trajectory, with the memory it has there.
     void enter_frame(const Hypothesis& h, std::size_t frame, ViscousMemory& memory,
                      ExternalActions& actions) const;

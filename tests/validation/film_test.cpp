@@ -413,7 +413,7 @@ double inner_error_m(const Case& c, const std::string& file) {
 
 // Three of the 14 markers, with and without the depth surface; no marker at all, but texture: frames to inner points. More than a
 // minute: ctest -L long.
-TEST(Film, DISABLED_SurfaceOrTextureMendWhatFewMarkersLeaveOpen) {
+TEST(LongFilm, SurfaceOrTextureMendWhatFewMarkersLeaveOpen) {
     const test::ScratchFolder scratch, bare;
     const std::string marked = filmed(scratch, {"--seconds", "4.8", "--rate", "2.5"});
     const std::string textured = filmed(bare, {"--seconds", "4.8", "--rate", "2.5", "--markers", "none", "--texture", "2"});
