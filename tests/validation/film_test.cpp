@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
@@ -233,33 +234,41 @@ TEST(Film, CameraIsRegisteredToTheModel) {
     EXPECT_NEAR(pose["sensor"]["view_direction"][2], -1.0, 1e-4);
 }
 
+// off.lcm: the film with `state` telling what the colour stream says of its camera, from the true StreamInfo. Returns the true pose.
+Pose misstated(const std::string& out, const std::function<void(const StreamInfo& truth, camera_info_t& info)>& state) {
+    Pose truth;
+    auto in = LogReader::open(out + "/recording.lcm");
+    auto to = Recorder::open({.file = out + "/off.lcm"});
+    EXPECT_TRUE(in && to);
+    for (LogEvent event; in && to && in->next(event);) {
+        std::vector<std::uint8_t> bytes(event.data.begin(), event.data.end());
+        camera_info_t info;
+        if (event.channel == "CAMERA_COLOR_INFO" && info.decode(bytes.data(), 0, static_cast<int>(bytes.size())) >= 0) {
+            const StreamInfo color = *stream_info(info);
+            truth = color.to_reference;
+            state(color, info);
+            bytes.resize(static_cast<std::size_t>(info.getEncodedSize()));
+            info.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
+        }
+        to->record(event.channel, bytes, event.stamp_us);
+    }
+    return truth;
+}
+
+void set_pose(camera_info_t& info, const Pose& pose) {
+    std::copy(pose.R.begin(), pose.R.end(), info.rotation);
+    std::copy(pose.t.begin(), pose.t.end(), info.translation_m);
+}
+
 // The stream states a camera that is 10 mm and 5 degrees off: the running service finds the true one and knows how well.
 TEST(Film, RunningServiceFindsTheCameraFromMarkersAndSurface) {
     const test::ScratchFolder scratch;
     const std::string out = filmed(scratch, {"--seconds", "1", "--rate", "10"});
-    Pose truth;
-    {
-        auto in = LogReader::open(out + "/recording.lcm");
-        auto to = Recorder::open({.file = out + "/off.lcm"});
-        ASSERT_TRUE(in && to);
-        for (LogEvent event; in->next(event);) {
-            std::vector<std::uint8_t> bytes(event.data.begin(), event.data.end());
-            camera_info_t info;
-            if (event.channel == "CAMERA_COLOR_INFO" && info.decode(bytes.data(), 0, static_cast<int>(bytes.size())) >= 0) {
-                StreamInfo color = *stream_info(info);
-                truth = color.to_reference;
-                const double a = 5.0 / 57.2958;  // about the liver's x axis
-                const Pose off{{1, 0, 0, 0, std::cos(a), -std::sin(a), 0, std::sin(a), std::cos(a)}, {0.006, -0.007, 0.004}};
-                color.to_reference = off * truth;
-                const std::int64_t stamp_us = info.header.capture_stamp_us;
-                info = to_message(color);
-                info.header.capture_stamp_us = stamp_us;
-                bytes.resize(static_cast<std::size_t>(info.getEncodedSize()));
-                info.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
-            }
-            to->record(event.channel, bytes, event.stamp_us);
-        }
-    }
+    const Pose truth = misstated(out, [](const StreamInfo& color, camera_info_t& info) {
+        const double a = 5.0 / 57.2958;  // about the liver's x axis
+        const Pose off{{1, 0, 0, 0, std::cos(a), -std::sin(a), 0, std::sin(a), std::cos(a)}, {0.006, -0.007, 0.004}};
+        set_pose(info, off * color.to_reference);
+    });
     track(out, "depth", "off.lcm", {"--set", "observation.registration=surface"});
     auto log = LogReader::open(out + "/tracked.lcm");
     ASSERT_TRUE(log);
@@ -298,27 +307,12 @@ TEST(Film, RunningServiceFindsTheCameraFromMarkersAndSurface) {
 TEST(Film, RunningServiceStartsFromLandmarks) {
     const test::ScratchFolder scratch;
     const std::string out = filmed(scratch, {"--seconds", "0.3", "--rate", "10"});
-    Pose truth;
-    {
-        const auto c = read_case(demo_case());
-        auto in = LogReader::open(out + "/recording.lcm");
-        auto to = Recorder::open({.file = out + "/off.lcm"});
-        ASSERT_TRUE(c && in && to);
-        for (LogEvent event; in->next(event);) {
-            std::vector<std::uint8_t> bytes(event.data.begin(), event.data.end());
-            camera_info_t info;
-            if (event.channel == "CAMERA_COLOR_INFO" && info.decode(bytes.data(), 0, static_cast<int>(bytes.size())) >= 0) {
-                StreamInfo color = *stream_info(info);
-                truth = color.to_reference;
-                mark_landmarks(*c, color, out + "/landmarks.csv");
-                const Pose off = Pose{{-1, 0, 0, 0, -1, 0, 0, 0, 1}, {}} * truth;
-                std::copy(off.R.begin(), off.R.end(), info.rotation);
-                std::copy(off.t.begin(), off.t.end(), info.translation_m);
-                info.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
-            }
-            to->record(event.channel, bytes, event.stamp_us);
-        }
-    }
+    const auto c = read_case(demo_case());
+    ASSERT_TRUE(c);
+    const Pose truth = misstated(out, [&](const StreamInfo& color, camera_info_t& info) {
+        mark_landmarks(*c, color, out + "/landmarks.csv");
+        set_pose(info, Pose{{-1, 0, 0, 0, -1, 0, 0, 0, 1}, {}} * color.to_reference);
+    });
     const auto registered = [&](const std::vector<std::string>& options) {
         std::filesystem::remove(out + "/tracked.lcm");
         replayed(out, "depth", "off.lcm", options, demo_case().string());
