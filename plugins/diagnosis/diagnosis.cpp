@@ -306,14 +306,17 @@ struct Forecast {
         if (beginning) recording.hold_out_frames(from.mechanics->num_frames());
         return Forecast{std::move(recording), Simulator(*all.mechanics, all.sensors, effects), beginning};
     }
-    Eigen::VectorXd of(const Fit& fit) { return beginning_fitted ? under(fit.at) : fit.trajectory; }
-    Eigen::VectorXd under(const Assumption& at) {
+    const Eigen::VectorXd* find(const Assumption& at) const {
         for (const auto& [assumption, trajectory] : known)
-            if (assumption.theta == at.theta && assumption.effects == at.effects) return trajectory;
-        Eigen::VectorXd trajectory;
-        simulator.simulate(at, trajectory);
-        known.emplace_back(at, trajectory);
-        return trajectory;
+            if (assumption.theta == at.theta && assumption.effects == at.effects) return &trajectory;
+        return nullptr;
+    }
+    Eigen::VectorXd of(const Fit& fit) { return beginning_fitted || find(fit.at) != nullptr ? under(fit.at) : fit.trajectory; }
+    Eigen::VectorXd under(const Assumption& at) {
+        if (const Eigen::VectorXd* trajectory = find(at)) return *trajectory;
+        known.emplace_back(at, Eigen::VectorXd{});
+        simulator.simulate(at, known.back().second);
+        return known.back().second;
     }
     double rms_m(const Assumption& at) {
         return gap_rms_m(recording.observed, under(at), recording.seen_rows(), recording.noise_m);
