@@ -97,8 +97,7 @@ struct Bus::Impl {
     }
     static void on_memq_message(const lcm_recv_buf_t* buffer, const char* channel, void* user) noexcept {
         auto& bus = *static_cast<Impl*>(user);
-        for (Subscription* subscription : bus.listeners(channel))
-            bus.deliver(*subscription, channel, *buffer);
+        for (Subscription* subscription : bus.listeners(channel)) bus.deliver(*subscription, channel, *buffer);
     }
 
     // memq:// hides from us whether it has queued a message (it drops what nobody wants), so that we match
@@ -113,10 +112,9 @@ struct Bus::Impl {
     }
 
     tl::unexpected<Error> cannot_receive() const {
-        return host_fault(
-            "bus url '" + url +
-            "': liblcm does not receive its own multicast; check that loopback is up, the route of the "
-            "group (`ip route get 239.255.76.67`) and firewall rules for its udp port");
+        return host_fault("bus url '" + url +
+                          "': liblcm does not receive its own multicast; check that loopback is up, the route of the "
+                          "group (`ip route get 239.255.76.67`) and firewall rules for its udp port");
     }
 
     // file://PATH[?speed=X[&mode=r]]
@@ -132,12 +130,10 @@ struct Bus::Impl {
             char* rest_of_number = nullptr;
             if (option.starts_with("speed=")) {
                 speed = std::strtod(option.c_str() + 6, &rest_of_number);
-                if (rest_of_number == option.c_str() + 6 || *rest_of_number != '\0' ||
-                    !(speed >= 0.0 && speed <= 1e6))
+                if (rest_of_number == option.c_str() + 6 || *rest_of_number != '\0' || !(speed >= 0.0 && speed <= 1e6))
                     return invalid_input("bus url '" + url + "': " + option + " must be in [0, 1e6]");
             } else if (option != "mode=r") {
-                return invalid_input("bus url '" + url + "': option '" + option +
-                                     "' is not known (speed, mode)");
+                return invalid_input("bus url '" + url + "': option '" + option + "' is not known (speed, mode)");
             }
         }
         pacer = StreamPacer(speed);
@@ -153,8 +149,7 @@ struct Bus::Impl {
             const std::int64_t now_us = monotonic_us();
             if (!event_loaded) {
                 if (!log_reader->next(event)) {
-                    if (!failed && !log_reader->damage().none())
-                        log(Level::kWarn, "bus", log_reader->damage_text());
+                    if (!failed && !log_reader->damage().none()) log(Level::kWarn, "bus", log_reader->damage_text());
                     failed = true;
                     return delivered > 0 ? delivered : -1;
                 }
@@ -194,8 +189,7 @@ struct Bus::Impl {
     BusCounters counters;
     MemqQueue queue;
     std::vector<std::unique_ptr<Subscription>> subscriptions;
-    std::map<std::string, std::vector<Subscription*>, std::less<>>
-        listening;  // by channel; cleared by subscribe
+    std::map<std::string, std::vector<Subscription*>, std::less<>> listening;  // by channel; cleared by subscribe
 };
 
 Bus::Bus(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -262,16 +256,15 @@ Status Bus::subscribe(const std::string& channel, std::size_t max_bytes, Handler
 bool Bus::publish(std::string_view channel, std::span<const std::uint8_t> data) noexcept {
     Impl& impl = *impl_;
     std::array<char, LCM_MAX_CHANNEL_NAME_LENGTH + 1> name{};
-    bool good = !channel.empty() && channel.size() < name.size() && data.size() <= kMaxMessageBytes &&
-                impl.lcm != nullptr;
+    bool good =
+        !channel.empty() && channel.size() < name.size() && data.size() <= kMaxMessageBytes && impl.lcm != nullptr;
     if (good) {
         std::memcpy(name.data(), channel.data(), channel.size());
         if (impl.memq) {
             if (impl.listeners(name.data()).empty()) return ++impl.counters.published, true;
             good = impl.queue.has_room(data.size());
         }
-        good =
-            good && lcm_publish(impl.lcm, name.data(), data.data(), static_cast<unsigned>(data.size())) == 0;
+        good = good && lcm_publish(impl.lcm, name.data(), data.data(), static_cast<unsigned>(data.size())) == 0;
         if (impl.memq && good) impl.queue.push(data.size());
     }
     ++(good ? impl.counters.published : impl.counters.refused);
@@ -291,8 +284,7 @@ int Bus::dispatch(int timeout_ms) noexcept {
     impl.delivered = 0;
     int wait_ms = timeout_ms;
     for (int taken = 0; taken < kMaxMessagesPerDispatch; ++taken) {
-        pollfd readable{impl.fileno, POLLIN,
-                        0};  // not lcm_handle_timeout: its select() aborts above FD_SETSIZE
+        pollfd readable{impl.fileno, POLLIN, 0};  // not lcm_handle_timeout: its select() aborts above FD_SETSIZE
         if (poll(&readable, 1, wait_ms) <= 0) break;
         wait_ms = 0;
         if (impl.memq) impl.queue.pop();

@@ -15,16 +15,13 @@ class ChannelPattern {
     /// [setup] POSIX extended regular expression, e.g. "MARKERS|CAMERA_.*".
     static Result<ChannelPattern> make(const std::string& expression) {
         auto compiled = std::make_unique<regex_t>();
-        const int code =
-            regcomp(compiled.get(), ("^(" + expression + ")$").c_str(), REG_NOSUB | REG_EXTENDED);
+        const int code = regcomp(compiled.get(), ("^(" + expression + ")$").c_str(), REG_NOSUB | REG_EXTENDED);
         if (expression.empty() || code != 0)
             return invalid_input("channel '" + expression + "' is not a valid regular expression");
         return ChannelPattern(compiled.release());
     }
     /// [loop]
-    bool matches(const char* channel) const noexcept {
-        return regexec(regex_.get(), channel, 0, nullptr, 0) == 0;
-    }
+    bool matches(const char* channel) const noexcept { return regexec(regex_.get(), channel, 0, nullptr, 0) == 0; }
 
   private:
     struct Release {

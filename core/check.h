@@ -4,10 +4,10 @@
 #include <cstdio>
 #include <cstdlib>
 
-#define TERES_CHECK(condition)                                                                             \
-    do {                                                                                                   \
-        if (!(condition)) {                                                                                \
+#define TERES_CHECK(condition)                                                                              \
+    do {                                                                                                    \
+        if (!(condition)) {                                                                                 \
             std::fprintf(stderr, "teres: broken invariant at %s:%d: %s\n", __FILE__, __LINE__, #condition); \
-            std::abort();                                                                                  \
-        }                                                                                                  \
+            std::abort();                                                                                   \
+        }                                                                                                   \
     } while (false)

@@ -114,8 +114,7 @@ Result<Config> Config::read(const std::filesystem::path& file) {
     return parse(text, file.string(), std::filesystem::absolute(file, failure).parent_path());
 }
 
-Result<Config> Config::parse(std::string_view text, const std::string& name,
-                             const std::filesystem::path& folder) {
+Result<Config> Config::parse(std::string_view text, const std::string& name, const std::filesystem::path& folder) {
     const toml::parse_result parsed = toml::parse(text, name);
     if (!parsed) {
         const toml::parse_error& error = parsed.error();
@@ -126,8 +125,7 @@ Result<Config> Config::parse(std::string_view text, const std::string& name,
     for (const auto& [section_key, section_node] : parsed.table()) {
         const std::string section(section_key.str());
         const auto place_of = [&](const toml::node& node, const toml::key& key) {
-            const auto line =
-                node.source().begin.line > 0 ? node.source().begin.line : key.source().begin.line;
+            const auto line = node.source().begin.line > 0 ? node.source().begin.line : key.source().begin.line;
             return name + ":" + std::to_string(line);
         };
         const std::string section_place = place_of(section_node, section_key);
@@ -164,8 +162,7 @@ Status Config::set(std::string_view assignment, const std::string& place) {
     const std::string text(assignment);
     const auto equals = text.find('=');
     const auto dot = text.find('.');
-    if (equals == std::string::npos || dot == std::string::npos || dot == 0 || dot > equals ||
-        dot + 1 == equals)
+    if (equals == std::string::npos || dot == std::string::npos || dot == 0 || dot > equals || dot + 1 == equals)
         return invalid_input(place + " " + text + ": not of the form section.key=value");
     const std::string section = text.substr(0, dot);
     std::error_code ignored;
@@ -190,8 +187,7 @@ std::map<std::string, std::string> Config::sections() const {
     return units;
 }
 
-Result<std::vector<std::string>> Config::read_list(const std::string& key,
-                                                   std::vector<std::string> otherwise) const {
+Result<std::vector<std::string>> Config::read_list(const std::string& key, std::vector<std::string> otherwise) const {
     const auto section = sections_.find("service");
     if (section == sections_.end()) return otherwise;
     const auto found = section->second.find(key);
@@ -202,11 +198,9 @@ Result<std::vector<std::string>> Config::read_list(const std::string& key,
     else if (const auto* untyped = std::get_if<Untyped>(&found->second.value))
         items = split_list(untyped->text);
     else
-        return invalid_input(found->second.place + ": service." + key +
-                             " must be a list of texts, e.g. [\"replay\"]");
+        return invalid_input(found->second.place + ": service." + key + " must be a list of texts, e.g. [\"replay\"]");
     for (std::string& item : items) {
-        if (item.empty())
-            return invalid_input(found->second.place + ": service." + key + " holds an empty name");
+        if (item.empty()) return invalid_input(found->second.place + ": service." + key + " holds an empty name");
         if (item.find('/') != std::string::npos) item = absolute_path(item, found->second.folder);
     }
     return items;
@@ -219,8 +213,7 @@ Status Config::read_service() {
     for (const auto* list : {&service_.drivers, &service_.plugins})
         for (const std::string& unit : *list)
             if (!seen.insert(unit).second)
-                return invalid_input(section_places_["service"] + ": unit " + unit +
-                                     " is named twice in [service]");
+                return invalid_input(section_places_["service"] + ": unit " + unit + " is named twice in [service]");
 
     Config scalars = *this;
     Section& section = scalars.sections_["service"];
@@ -234,8 +227,7 @@ Status Config::read_service() {
     return {};
 }
 
-Result<ResolvedSettings> Config::resolve(const std::string& section,
-                                         std::span<const teres_setting> table) const {
+Result<ResolvedSettings> Config::resolve(const std::string& section, std::span<const teres_setting> table) const {
     static const Section kNothing;
     const auto found = sections_.find(section);
     const Section& given = found == sections_.end() ? kNothing : found->second;
@@ -257,19 +249,17 @@ Result<ResolvedSettings> Config::resolve(const std::string& section,
                              checked(section + "." + setting.key, entry->second, setting, resolved));
             resolved.values.push_back(value);
         } else if (is_text && std::string_view(setting.key) == "case" && !service_.case_folder.empty()) {
-            resolved.values.push_back(
-                {setting.key, resolved.keep(service_.case_folder.string()), 0.0, setting.type});
+            resolved.values.push_back({setting.key, resolved.keep(service_.case_folder.string()), 0.0, setting.type});
         } else {
             const char* text = is_text && setting.default_text != nullptr ? setting.default_text : "";
-            resolved.values.push_back(
-                {setting.key, resolved.keep(text), setting.default_number, setting.type});
+            resolved.values.push_back({setting.key, resolved.keep(text), setting.default_number, setting.type});
         }
     }
     return resolved;
 }
 
-Result<teres_setting_value> Config::checked(const std::string& name, const Given& given,
-                                            const teres_setting& setting, ResolvedSettings& keeper) {
+Result<teres_setting_value> Config::checked(const std::string& name, const Given& given, const teres_setting& setting,
+                                            ResolvedSettings& keeper) {
     const auto wrong_type = [&](const std::string& needed) -> Result<teres_setting_value> {
         struct Shown {
             std::string operator()(bool value) const { return value ? "true" : "false"; }
@@ -280,8 +270,8 @@ Result<teres_setting_value> Config::checked(const std::string& name, const Given
             std::string operator()(const Untyped& value) const { return value.text; }
             std::string operator()(const WrongType& value) const { return "(" + value.name + ")"; }
         };
-        return invalid_input(given.place + ": " + name + " = " + std::visit(Shown{}, given.value) +
-                             " is not " + needed);
+        return invalid_input(given.place + ": " + name + " = " + std::visit(Shown{}, given.value) + " is not " +
+                             needed);
     };
     const auto* untyped = std::get_if<Untyped>(&given.value);
     teres_setting_value value{setting.key, "", 0.0, setting.type};
@@ -326,11 +316,11 @@ Result<teres_setting_value> Config::checked(const std::string& name, const Given
     }
     if (std::isnan(value.number)) return wrong_type(needed);
     if (value.number > setting.max)
-        return invalid_input(given.place + ": " + name + " = " + number_text(value.number) +
-                             " is above the bound " + number_text(setting.max));
+        return invalid_input(given.place + ": " + name + " = " + number_text(value.number) + " is above the bound " +
+                             number_text(setting.max));
     if (value.number < setting.min)
-        return invalid_input(given.place + ": " + name + " = " + number_text(value.number) +
-                             " is below the bound " + number_text(setting.min));
+        return invalid_input(given.place + ": " + name + " = " + number_text(value.number) + " is below the bound " +
+                             number_text(setting.min));
     return value;
 }
 

@@ -38,13 +38,10 @@ struct ServiceSettings {
 
     template <class V>
     void visit(V& field) {
-        field("bus_url", bus_url, "",
-              "memq:// in process, udpm://239.255.76.67:7667?ttl=0 between processes");
+        field("bus_url", bus_url, "", "memq:// in process, udpm://239.255.76.67:7667?ttl=0 between processes");
         field("case", case_folder, "case folder handed to every unit that has a setting `case`");
-        field("plugin_folder", plugin_folder,
-              "folder of teres_<id>.so files, before the places beside the program");
-        field("record_to", record_to,
-              "LCM log that receives every message, may hold %Y%m%d-%H%M%S; empty: none");
+        field("plugin_folder", plugin_folder, "folder of teres_<id>.so files, before the places beside the program");
+        field("record_to", record_to, "LCM log that receives every message, may hold %Y%m%d-%H%M%S; empty: none");
         field("record_max_mb", record_max_mb, {0.0, 1e7}, "size at which recording ends; 0: no limit");
         field("record_overwrite", record_overwrite, "replace an existing log (otherwise an error)");
         field("health_period_s", health_period_s, {0.0, 3600.0}, "time between HEALTH messages; 0: none");
@@ -73,8 +70,7 @@ class Config {
     /// [setup] Errors (kInvalidInput): unreadable, malformed, wrong [service].
     static Result<Config> read(const std::filesystem::path& file);
     /// [setup] `name` stands in the error texts; relative paths are taken from `folder`.
-    static Result<Config> parse(std::string_view text, const std::string& name,
-                                const std::filesystem::path& folder);
+    static Result<Config> parse(std::string_view text, const std::string& name, const std::filesystem::path& folder);
 
     /// [setup] "section.key=value", above the file. Relative paths are taken from the working folder; lists
     /// (service.drivers, service.plugins) are comma-separated. `place` stands in the error texts.
@@ -97,16 +93,14 @@ class Config {
         std::string name;  // of a TOML type that no setting has
     };
     struct Given {
-        std::variant<bool, std::int64_t, double, std::string, std::vector<std::string>, Untyped, WrongType>
-            value;
+        std::variant<bool, std::int64_t, double, std::string, std::vector<std::string>, Untyped, WrongType> value;
         std::string place;             // "phantom.toml:5"
         std::filesystem::path folder;  // of relative paths
     };
     using Section = std::map<std::string, Given>;
 
     Status read_service();
-    Result<std::vector<std::string>> read_list(const std::string& key,
-                                               std::vector<std::string> otherwise) const;
+    Result<std::vector<std::string>> read_list(const std::string& key, std::vector<std::string> otherwise) const;
     static Result<teres_setting_value> checked(const std::string& name, const Given& given,
                                                const teres_setting& setting, ResolvedSettings& keeper);
 

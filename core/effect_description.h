@@ -35,8 +35,8 @@ struct EffectDescription {
     }
 };
 
-inline EffectParameter amplitude(const char* name, const char* unit, EffectTransform transform,
-                                 double null_value, double prior_stdev, double lower, double upper) {
+inline EffectParameter amplitude(const char* name, const char* unit, EffectTransform transform, double null_value,
+                                 double prior_stdev, double lower, double upper) {
     const double mean = transform == EffectTransform::kLog ? std::log(null_value) : null_value;
     return {name, unit, EffectRole::kAmplitude, transform, null_value, mean, prior_stdev, lower, upper};
 }
@@ -47,10 +47,9 @@ inline EffectParameter shape(const char* name, const char* unit, double mean, do
 }
 
 /// Shape that is positive: radius, frequency, time constant; `stdev` is that of its logarithm.
-inline EffectParameter log_shape(const char* name, const char* unit, double median, double stdev,
-                                 double lower, double upper) {
-    return {name,  unit, EffectRole::kShape, EffectTransform::kLog, median, std::log(median), stdev,
-            lower, upper};
+inline EffectParameter log_shape(const char* name, const char* unit, double median, double stdev, double lower,
+                                 double upper) {
+    return {name, unit, EffectRole::kShape, EffectTransform::kLog, median, std::log(median), stdev, lower, upper};
 }
 
 /// Physical value one prior standard deviation above the prior's centre.
@@ -72,8 +71,7 @@ inline std::vector<double> central_candidate(const std::vector<EffectParameter>&
 /// True if every amplitude is at its null value: the effect is absent.
 inline bool is_null(const EffectDescription& d, std::span<const double> values) {
     for (std::size_t i = 0; i < d.parameters.size(); ++i)
-        if (d.parameters[i].role == EffectRole::kAmplitude && values[i] != d.parameters[i].null_value)
-            return false;
+        if (d.parameters[i].role == EffectRole::kAmplitude && values[i] != d.parameters[i].null_value) return false;
     return true;
 }
 

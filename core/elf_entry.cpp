@@ -74,17 +74,13 @@ Result<ElfEntry> read_elf_entry(const std::filesystem::path& file) {
         return invalid_input(name + ": not an ELF shared object");
     if (header.e_ident[EI_CLASS] != ELFCLASS64 || header.e_ident[EI_DATA] != ELFDATA2LSB ||
         header.e_machine != kMachine)
-        return invalid_input(name + ": built for another machine (ELF machine " +
-                             std::to_string(header.e_machine) + ", class " +
-                             std::to_string(header.e_ident[EI_CLASS]) + "), needed are machine " +
+        return invalid_input(name + ": built for another machine (ELF machine " + std::to_string(header.e_machine) +
+                             ", class " + std::to_string(header.e_ident[EI_CLASS]) + "), needed are machine " +
                              std::to_string(kMachine) + ", class 2");
     if (header.e_type != ET_DYN)
-        return invalid_input(name + ": ELF type " + std::to_string(header.e_type) +
-                             " is not a shared object (3)");
+        return invalid_input(name + ": ELF type " + std::to_string(header.e_type) + " is not a shared object (3)");
 
-    const auto damaged = [&](const char* what) {
-        return invalid_input(name + ": damaged ELF file (" + what + ")");
-    };
+    const auto damaged = [&](const char* what) { return invalid_input(name + ": damaged ELF file (" + what + ")"); };
     std::vector<Elf64_Phdr> segments;
     std::vector<Elf64_Shdr> sections;
     if (header.e_phnum > kMaxHeaders || header.e_phentsize != sizeof(Elf64_Phdr) ||
@@ -102,8 +98,7 @@ Result<ElfEntry> read_elf_entry(const std::filesystem::path& file) {
         std::vector<char> names;
         if (section.sh_link >= sections.size() ||
             !reader.read_table(section.sh_offset, section.sh_size / sizeof(Elf64_Sym), symbols) ||
-            !reader.read_table(sections[section.sh_link].sh_offset, sections[section.sh_link].sh_size,
-                               names) ||
+            !reader.read_table(sections[section.sh_link].sh_offset, sections[section.sh_link].sh_size, names) ||
             names.empty() || names.back() != '\0')
             return damaged("dynamic symbols");
         for (const Elf64_Sym& symbol : symbols) {
@@ -128,15 +123,11 @@ Result<ElfEntry> read_elf_entry(const std::filesystem::path& file) {
             entry.st_value - segment.p_vaddr > segment.p_filesz - kTold)
             continue;
         unsigned char bytes[kTold];
-        if (!reader.read(segment.p_offset + (entry.st_value - segment.p_vaddr), bytes, kTold))
-            return damaged("entry");
+        if (!reader.read(segment.p_offset + (entry.st_value - segment.p_vaddr), bytes, kTold)) return damaged("entry");
         std::memcpy(&told.magic, bytes + offsetof(teres_plugin_entry_t, magic), sizeof(told.magic));
-        std::memcpy(&told.struct_size, bytes + offsetof(teres_plugin_entry_t, struct_size),
-                    sizeof(told.struct_size));
-        std::memcpy(&told.api_major, bytes + offsetof(teres_plugin_entry_t, api_major),
-                    sizeof(told.api_major));
-        std::memcpy(&told.api_minor, bytes + offsetof(teres_plugin_entry_t, api_minor),
-                    sizeof(told.api_minor));
+        std::memcpy(&told.struct_size, bytes + offsetof(teres_plugin_entry_t, struct_size), sizeof(told.struct_size));
+        std::memcpy(&told.api_major, bytes + offsetof(teres_plugin_entry_t, api_major), sizeof(told.api_major));
+        std::memcpy(&told.api_minor, bytes + offsetof(teres_plugin_entry_t, api_minor), sizeof(told.api_minor));
         return told;
     }
     return invalid_input(name + ": " + kSymbol +

@@ -33,8 +33,7 @@ void TrafficBook::count(Traffic& traffic, std::span<const std::uint8_t> data, st
     }
 }
 
-void TrafficBook::received(std::string_view channel, std::span<const std::uint8_t> data,
-                           std::int64_t now_us) noexcept {
+void TrafficBook::received(std::string_view channel, std::span<const std::uint8_t> data, std::int64_t now_us) noexcept {
     Traffic* traffic = entry(channel);
     if (traffic == nullptr) return;
     if (!traffic->heard) {  // what was counted on the way out comes in now
@@ -44,8 +43,7 @@ void TrafficBook::received(std::string_view channel, std::span<const std::uint8_
     count(*traffic, data, now_us);
 }
 
-void TrafficBook::sent(std::string_view channel, std::span<const std::uint8_t> data,
-                       std::int64_t now_us) noexcept {
+void TrafficBook::sent(std::string_view channel, std::span<const std::uint8_t> data, std::int64_t now_us) noexcept {
     Traffic* traffic = entry(channel);
     if (traffic != nullptr && !traffic->heard) count(*traffic, data, now_us);
 }
@@ -61,8 +59,7 @@ void TrafficBook::report(std::vector<channel_health_t>& to, std::int64_t now_us)
     for (auto& [name, traffic] : channels_) {
         channel_health_t& out = to[at++];
         out.channel = name;
-        out.rate_hz =
-            period_s > 0.0 ? static_cast<double>(traffic.received - traffic.received_before) / period_s : 0.0;
+        out.rate_hz = period_s > 0.0 ? static_cast<double>(traffic.received - traffic.received_before) / period_s : 0.0;
         out.age_s = traffic.last_us < 0 ? -1.0 : 1e-6 * static_cast<double>(now_us - traffic.last_us);
         out.received = traffic.received;
         out.dropped = traffic.dropped;

@@ -17,8 +17,8 @@ HostedUnit& unit_of(void* context) {
 void host_log(void* context, std::int32_t level, const char* source, const char* text) {
     const bool known = level >= TERES_LOG_DEBUG && level <= TERES_LOG_ERROR;
     try {
-        log(known ? static_cast<Level>(level) : Level::kError,
-            source != nullptr ? source : unit_of(context).id(), text != nullptr ? text : "");
+        log(known ? static_cast<Level>(level) : Level::kError, source != nullptr ? source : unit_of(context).id(),
+            text != nullptr ? text : "");
     } catch (...) {  // a log line lost is better than an exception across the boundary
     }
 }
@@ -30,14 +30,13 @@ HostedUnit::HostedUnit(const teres_factory& factory, UnitServices& services)
     host_.struct_size = sizeof(host_);
     host_.context = this;
     host_.log = &host_log;
-    host_.publish = [](void* context, const char* channel, const void* data,
-                       std::size_t size) -> std::int32_t {
+    host_.publish = [](void* context, const char* channel, const void* data, std::size_t size) -> std::int32_t {
         HostedUnit& unit = unit_of(context);
         if (channel == nullptr || (data == nullptr && size > 0)) return -1;
         return unit.services_.publish(unit, channel, data, size) ? 0 : -1;
     };
-    host_.subscribe = [](void* context, const char* channel, std::size_t max_bytes,
-                         teres_message_handler handler, void* user) -> std::int32_t {
+    host_.subscribe = [](void* context, const char* channel, std::size_t max_bytes, teres_message_handler handler,
+                         void* user) -> std::int32_t {
         HostedUnit& unit = unit_of(context);
         if (channel == nullptr || handler == nullptr) return -1;
         return unit.services_.subscribe(unit, channel, max_bytes, handler, user) ? 0 : -1;
@@ -102,8 +101,7 @@ Status HostedUnit::configure(ResolvedSettings settings) {
 }
 
 Status HostedUnit::start() {
-    TERES_TRY(
-        set_up("start", [&](char* error, std::size_t size) { return factory_.start(self_, error, size); }));
+    TERES_TRY(set_up("start", [&](char* error, std::size_t size) { return factory_.start(self_, error, size); }));
     state_ = UnitState::kRunning;
     started_ = true;
     return {};

@@ -17,10 +17,9 @@ class HostedUnit;
 /// What stands behind teres_host; implemented by the session.
 class UnitServices {
   public:
-    virtual bool publish(HostedUnit& unit, const char* channel, const void* data,
-                         std::size_t size) noexcept = 0;
-    virtual bool subscribe(HostedUnit& unit, const char* channel, std::size_t max_bytes,
-                           teres_message_handler handler, void* user) noexcept = 0;
+    virtual bool publish(HostedUnit& unit, const char* channel, const void* data, std::size_t size) noexcept = 0;
+    virtual bool subscribe(HostedUnit& unit, const char* channel, std::size_t max_bytes, teres_message_handler handler,
+                           void* user) noexcept = 0;
     virtual void* extension_for(HostedUnit& unit, const char* extension_id) noexcept = 0;
     virtual std::int64_t now_us() const noexcept = 0;
 

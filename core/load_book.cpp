@@ -22,13 +22,11 @@ LoadBook::LoadBook(const ForwardModel& model, std::size_t capacity) : capacity_(
 }
 
 LoadBook::Entry LoadBook::add(const tool_loads_t& message) {
-    if (!samples_.empty() && message.header.capture_stamp_us < samples_.back().stamp_us)
-        return Entry::kOlderThanNewest;
+    if (!samples_.empty() && message.header.capture_stamp_us < samples_.back().stamp_us) return Entry::kOlderThanNewest;
     const auto regions = static_cast<std::size_t>(message.num_regions),
                tools = static_cast<std::size_t>(message.num_tools);
     for (std::size_t i = 0; i < regions; ++i)
-        if (!std::isfinite(message.fx_n[i]) || !std::isfinite(message.fy_n[i]) ||
-            !std::isfinite(message.fz_n[i]))
+        if (!std::isfinite(message.fx_n[i]) || !std::isfinite(message.fy_n[i]) || !std::isfinite(message.fz_n[i]))
             return Entry::kNotFinite;
 
     Sample sample;
@@ -39,8 +37,8 @@ LoadBook::Entry LoadBook::add(const tool_loads_t& message) {
     sample.force_n = none_.force_n;
     sample.tool_m = none_.tool_m;
     sample.stamp_us = message.header.capture_stamp_us;
-    const auto place = [&](const std::vector<std::string>& known, const std::string& name,
-                           std::vector<double>& into, double x, double y, double z) {
+    const auto place = [&](const std::vector<std::string>& known, const std::string& name, std::vector<double>& into,
+                           double x, double y, double z) {
         const auto found = std::find(known.begin(), known.end(), name);
         if (found == known.end()) {
             if (num_unknown_++ == 0) first_unknown_ = name;

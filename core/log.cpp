@@ -8,10 +8,14 @@ namespace {
 
 spdlog::level::level_enum to_spdlog(Level level) {
     switch (level) {
-        case Level::kDebug: return spdlog::level::debug;
-        case Level::kInfo: return spdlog::level::info;
-        case Level::kWarn: return spdlog::level::warn;
-        case Level::kError: return spdlog::level::err;
+        case Level::kDebug:
+            return spdlog::level::debug;
+        case Level::kInfo:
+            return spdlog::level::info;
+        case Level::kWarn:
+            return spdlog::level::warn;
+        case Level::kError:
+            return spdlog::level::err;
     }
     return spdlog::level::err;
 }
@@ -32,6 +36,8 @@ void log(Level level, std::string_view source, std::string_view text) {
     logger().log(to_spdlog(level), "{}: {}", source, text);
 }
 
-void set_log_level(Level level) { logger().set_level(to_spdlog(level)); }
+void set_log_level(Level level) {
+    logger().set_level(to_spdlog(level));
+}
 
 }  // namespace teres

@@ -30,9 +30,7 @@ std::uint64_t big_endian(const std::uint8_t* bytes, int count) {
 
 struct LogReader::Header {
     std::int64_t number, stamp_us, channel_bytes, data_bytes;
-    std::int64_t event_bytes() const {
-        return static_cast<std::int64_t>(kHeaderBytes) + channel_bytes + data_bytes;
-    }
+    std::int64_t event_bytes() const { return static_cast<std::int64_t>(kHeaderBytes) + channel_bytes + data_bytes; }
 };
 
 Result<LogReader> LogReader::open(const std::filesystem::path& file) {
@@ -48,8 +46,7 @@ Result<LogReader> LogReader::open(const std::filesystem::path& file) {
     return reader;
 }
 
-LogReader::LogReader(int fd, std::int64_t size, std::string name)
-    : fd_(fd), size_(size), name_(std::move(name)) {}
+LogReader::LogReader(int fd, std::int64_t size, std::string name) : fd_(fd), size_(size), name_(std::move(name)) {}
 
 LogReader::LogReader(LogReader&& other) noexcept {
     *this = std::move(other);
@@ -88,8 +85,7 @@ std::span<const std::uint8_t> LogReader::bytes(std::int64_t offset, std::size_t 
         window_offset_ = offset;
         std::size_t got = 0;
         while (got < window_.size()) {
-            const ssize_t n =
-                pread(fd_, window_.data() + got, window_.size() - got, offset + static_cast<off_t>(got));
+            const ssize_t n = pread(fd_, window_.data() + got, window_.size() - got, offset + static_cast<off_t>(got));
             if (n < 0 && errno == EINTR) continue;
             if (n <= 0) break;  // the file shrank, or its disk fails: it ends here
             got += static_cast<std::size_t>(n);
@@ -100,8 +96,7 @@ std::span<const std::uint8_t> LogReader::bytes(std::int64_t offset, std::size_t 
             if (got < count) return {};
         }
     }
-    return std::span<const std::uint8_t>(window_).subspan(static_cast<std::size_t>(offset - window_offset_),
-                                                          count);
+    return std::span<const std::uint8_t>(window_).subspan(static_cast<std::size_t>(offset - window_offset_), count);
 }
 
 // A sync word with lengths inside the bounds; whether the file holds the whole event is not asked here.
@@ -112,8 +107,8 @@ bool LogReader::read_header(std::int64_t offset, Header& header) {
     header.stamp_us = static_cast<std::int64_t>(big_endian(raw.data() + 12, 8));
     header.channel_bytes = static_cast<std::int32_t>(big_endian(raw.data() + 20, 4));
     header.data_bytes = static_cast<std::int32_t>(big_endian(raw.data() + 24, 4));
-    return header.channel_bytes > 0 && header.channel_bytes <= LCM_MAX_CHANNEL_NAME_LENGTH &&
-           header.data_bytes >= 0 && header.data_bytes <= static_cast<std::int64_t>(kMaxMessageBytes);
+    return header.channel_bytes > 0 && header.channel_bytes <= LCM_MAX_CHANNEL_NAME_LENGTH && header.data_bytes >= 0 &&
+           header.data_bytes <= static_cast<std::int64_t>(kMaxMessageBytes);
 }
 
 // Reads beside the window: a far look per event must not cost a window.
@@ -132,11 +127,9 @@ std::int64_t LogReader::find_header(std::int64_t from, std::int64_t to, bool mus
         if (block.empty()) return -1;
         std::int64_t next = at + count - 3;  // a sync word may straddle two blocks
         for (std::int64_t i = 0; i + 4 <= count && at + i < to; ++i) {
-            if (block[static_cast<std::size_t>(i)] != 0xED || big_endian(block.data() + i, 4) != kSyncWord)
-                continue;
+            if (block[static_cast<std::size_t>(i)] != 0xED || big_endian(block.data() + i, 4) != kSyncWord) continue;
             Header header{};
-            if (read_header(at + i, header) && (!must_fit || header.event_bytes() <= size_ - (at + i)))
-                return at + i;
+            if (read_header(at + i, header) && (!must_fit || header.event_bytes() <= size_ - (at + i))) return at + i;
             next = at + i + 1;  // read_header may have moved the window: take a new block
             break;
         }
@@ -204,8 +197,7 @@ bool LogReader::next(LogEvent& event) {
         event.number = header.number;
         event.stamp_us = header.stamp_us;
         event.offset = start;
-        event.channel = {reinterpret_cast<const char*>(payload.data()),
-                         static_cast<std::size_t>(header.channel_bytes)};
+        event.channel = {reinterpret_cast<const char*>(payload.data()), static_cast<std::size_t>(header.channel_bytes)};
         event.data = payload.subspan(static_cast<std::size_t>(header.channel_bytes));
         return true;
     }

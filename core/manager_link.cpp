@@ -18,8 +18,7 @@ namespace teres {
 
 ManagerLink::ManagerLink(bool watchdog) {
     std::uint64_t limit_us = 0;
-    if (watchdog && sd_watchdog_enabled(0, &limit_us) > 0)
-        period_us_ = static_cast<std::int64_t>(limit_us / 4);
+    if (watchdog && sd_watchdog_enabled(0, &limit_us) > 0) period_us_ = static_cast<std::int64_t>(limit_us / 4);
     const char* path = std::getenv("NOTIFY_SOCKET");
     if (path == nullptr || *path == '\0') return;
     sockaddr_un address{};

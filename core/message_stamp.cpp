@@ -29,10 +29,19 @@ std::int64_t big_endian(const std::uint8_t* bytes) noexcept {
 }  // namespace
 
 std::optional<MessageStamp> stamp_of(std::span<const std::uint8_t> data) noexcept {
-    static const std::array known = {boundary_estimate_t::getHash(), camera_info_t::getHash(), gap_t::getHash(),
-                                     health_t::getHash(),            image_t::getHash(),       innovation_t::getHash(),
-                                     liver_state_t::getHash(),       markers_t::getHash(),     tool_loads_t::getHash(),
-                                     tracking_t::getHash(),          cut_t::getHash(),         registration_t::getHash(), surface_points_t::getHash()};
+    static const std::array known = {boundary_estimate_t::getHash(),
+                                     camera_info_t::getHash(),
+                                     gap_t::getHash(),
+                                     health_t::getHash(),
+                                     image_t::getHash(),
+                                     innovation_t::getHash(),
+                                     liver_state_t::getHash(),
+                                     markers_t::getHash(),
+                                     tool_loads_t::getHash(),
+                                     tracking_t::getHash(),
+                                     cut_t::getHash(),
+                                     registration_t::getHash(),
+                                     surface_points_t::getHash()};
     // LCM layout: hash, then the fields in order: capture_stamp_us, sequence, ...
     if (data.size() < 24) return std::nullopt;
     if (std::find(known.begin(), known.end(), big_endian(data.data())) == known.end()) return std::nullopt;

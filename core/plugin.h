@@ -68,7 +68,8 @@ typedef struct teres_setting_value {
 } teres_setting_value;
 
 /* Called by the host with the bytes of one message. [loop] `data` is valid during the call only. */
-typedef void (*teres_message_handler)(void* user, const char* channel, const void* data, size_t size, int64_t receive_us);
+typedef void (*teres_message_handler)(void* user, const char* channel, const void* data, size_t size,
+                                      int64_t receive_us);
 
 /* What the host offers; valid from create to destroy. */
 typedef struct teres_host {
@@ -79,7 +80,8 @@ typedef struct teres_host {
     /* [loop] 0, or -1 if the message was refused (counted) */
     int32_t (*publish)(void* context, const char* channel, const void* data, size_t size);
     /* [setup] messages above max_bytes are refused and counted */
-    int32_t (*subscribe)(void* context, const char* channel, size_t max_bytes, teres_message_handler handler, void* user);
+    int32_t (*subscribe)(void* context, const char* channel, size_t max_bytes, teres_message_handler handler,
+                         void* user);
     /* [setup] an interface that another unit of this process offers (core/extensions), or NULL. Units start in the
        order of the settings file: ask in start, for interfaces of units named before. */
     void* (*extension)(void* context, const char* extension_id);
@@ -96,7 +98,8 @@ typedef struct teres_factory {
     size_t num_settings;
     void* (*create)(const teres_host* host); /* [setup] NULL on failure */
     /* [setup] 0 or a teres::ErrorKind; then `error` holds a text */
-    int32_t (*configure)(void* self, const teres_setting_value* values, size_t num_values, char* error, size_t error_size);
+    int32_t (*configure)(void* self, const teres_setting_value* values, size_t num_values, char* error,
+                         size_t error_size);
     int32_t (*start)(void* self, char* error, size_t error_size);
     int32_t (*step)(void* self, int64_t now_us);              /* [loop] teres_step_outcome */
     void (*stop)(void* self);                                 /* [setup] */

@@ -53,8 +53,7 @@ Status check_factory(const std::string& name, const teres_factory* factory) {
                              " settings is above the bound " + std::to_string(kMaxSettings) + " or missing");
     std::set<std::string_view> keys;
     for (const teres_setting& setting : std::span(factory->settings, factory->num_settings)) {
-        if (setting.key == nullptr || *setting.key == '\0')
-            return invalid_input(unit + ": a setting has no key");
+        if (setting.key == nullptr || *setting.key == '\0') return invalid_input(unit + ": a setting has no key");
         const std::string where = unit + ": setting " + setting.key;
         if (!keys.insert(setting.key).second) return invalid_input(where + " is listed twice");
         if (setting.type < TERES_SETTING_NUMBER || setting.type > TERES_SETTING_PATH)
@@ -80,8 +79,8 @@ Result<PluginFile> open_checked(const fs::path& file) {
     // Once more on the live entry: static constructors have run since the file was read.
     TERES_TRY(check_version(name, {entry->magic, entry->struct_size, entry->api_major, entry->api_minor}));
     if (entry->num_factories == 0 || entry->num_factories > kMaxFactories || entry->factories == nullptr)
-        return invalid_input(name + ": " + std::to_string(entry->num_factories) +
-                             " factories, needed are 1 to " + std::to_string(kMaxFactories));
+        return invalid_input(name + ": " + std::to_string(entry->num_factories) + " factories, needed are 1 to " +
+                             std::to_string(kMaxFactories));
     PluginFile plugin;
     plugin.file = file;
     plugin.name = entry->name != nullptr ? entry->name : file.stem().string();
@@ -153,8 +152,8 @@ Result<fs::path> find_plugin(const std::string& id, std::span<const fs::path> fo
     }
     std::string there;
     for (const std::string& name : available_plugins(folders)) there += (there.empty() ? "" : ", ") + name;
-    return invalid_input("unit " + id + ": no " + std::string(kPrefix) + id + std::string(kSuffix) + " in " +
-                         searched + "; there are: " + (there.empty() ? "none" : there));
+    return invalid_input("unit " + id + ": no " + std::string(kPrefix) + id + std::string(kSuffix) + " in " + searched +
+                         "; there are: " + (there.empty() ? "none" : there));
 }
 
 std::vector<std::string> available_plugins(std::span<const fs::path> folders) {
@@ -163,8 +162,7 @@ std::vector<std::string> available_plugins(std::span<const fs::path> folders) {
         std::error_code failure;
         for (fs::directory_iterator at(folder, failure), end; !failure && at != end; at.increment(failure)) {
             const std::string name = at->path().filename().string();
-            if (name.size() > kPrefix.size() + kSuffix.size() && name.starts_with(kPrefix) &&
-                name.ends_with(kSuffix))
+            if (name.size() > kPrefix.size() + kSuffix.size() && name.starts_with(kPrefix) && name.ends_with(kSuffix))
                 names.insert(name.substr(kPrefix.size(), name.size() - kPrefix.size() - kSuffix.size()));
         }
     }
@@ -178,9 +176,8 @@ Status check_version(const std::string& name, const ElfEntry& entry) {
     if (entry.api_major != TERES_API_MAJOR || entry.api_minor > TERES_API_MINOR)
         return invalid_input(name + ": built for plugin API " + api_text(entry.api_major, entry.api_minor) +
                              ", this host offers " + api_text(TERES_API_MAJOR, TERES_API_MINOR) +
-                             (entry.api_major == TERES_API_MAJOR
-                                  ? "; install a newer Teres"
-                                  : "; rebuild it against the headers of this Teres"));
+                             (entry.api_major == TERES_API_MAJOR ? "; install a newer Teres"
+                                                                 : "; rebuild it against the headers of this Teres"));
     if (entry.struct_size < sizeof(teres_plugin_entry_t))
         return invalid_input(name + ": entry of " + std::to_string(entry.struct_size) + " bytes, " +
                              std::to_string(sizeof(teres_plugin_entry_t)) + " are needed");
@@ -207,8 +204,8 @@ Status probe_plugin(const fs::path& file, std::chrono::milliseconds limit) {
     ssize_t size = 0;
     bool in_time = false;
     for (;;) {
-        const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(
-            deadline - std::chrono::steady_clock::now());
+        const auto left =
+            std::chrono::duration_cast<std::chrono::milliseconds>(deadline - std::chrono::steady_clock::now());
         pollfd readable{ends[0], POLLIN, 0};
         const int ready = poll(&readable, 1, static_cast<int>(std::max<std::int64_t>(left.count(), 0)));
         if (ready < 0 && errno == EINTR) continue;
@@ -231,8 +228,8 @@ Status probe_plugin(const fs::path& file, std::chrono::milliseconds limit) {
         return invalid_input(name + ": hung for more than " + std::to_string(limit.count()) +
                              " ms while being loaded in a child process");
     if (answer[0] == 0) return {};
-    return tl::unexpected(Error{static_cast<ErrorKind>(answer[0]),
-                                std::string(answer + 1, static_cast<std::size_t>(size) - 1)});
+    return tl::unexpected(
+        Error{static_cast<ErrorKind>(answer[0]), std::string(answer + 1, static_cast<std::size_t>(size) - 1)});
 }
 
 Result<PluginFile> load_plugin(const fs::path& file, std::chrono::milliseconds limit) {

@@ -38,8 +38,7 @@ inline constexpr std::chrono::milliseconds kProbeLimit{10'000};
 std::vector<std::filesystem::path> plugin_folders(const std::filesystem::path& given);
 /// [setup] File of a unit: teres_<id>.so in the first folder that has it; an id with a '/' is the path
 /// itself.
-Result<std::filesystem::path> find_plugin(const std::string& id,
-                                          std::span<const std::filesystem::path> folders);
+Result<std::filesystem::path> find_plugin(const std::string& id, std::span<const std::filesystem::path> folders);
 /// [setup] Ids of all teres_<id>.so in the folders, sorted.
 std::vector<std::string> available_plugins(std::span<const std::filesystem::path> folders);
 
@@ -48,7 +47,6 @@ Status check_version(const std::string& name, const ElfEntry& entry);
 /// [setup] Loads the file in a child process that is killed after `limit`.
 Status probe_plugin(const std::filesystem::path& file, std::chrono::milliseconds limit = kProbeLimit);
 /// [setup] Version, probe (unless already loaded), load.
-Result<PluginFile> load_plugin(const std::filesystem::path& file,
-                               std::chrono::milliseconds limit = kProbeLimit);
+Result<PluginFile> load_plugin(const std::filesystem::path& file, std::chrono::milliseconds limit = kProbeLimit);
 
 }  // namespace teres

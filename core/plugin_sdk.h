@@ -8,8 +8,8 @@
 //             field("law", law, "linear|cubic", "spring law");
 //         }
 //     };
-//     class SpringPlugin : public teres::Unit { public: using Settings = ::Settings; explicit SpringPlugin(teres::Host); ... };
-//     TERES_PLUGIN(SpringPlugin, "spring", "one spring", TERES_UNIT_PLUGIN)
+//     class SpringPlugin : public teres::Unit { public: using Settings = ::Settings; explicit
+//     SpringPlugin(teres::Host); ... }; TERES_PLUGIN(SpringPlugin, "spring", "one spring", TERES_UNIT_PLUGIN)
 #pragma once
 
 #include <cstring>
@@ -74,10 +74,12 @@ class Host {
         };
         auto subscription = std::make_shared<Subscription>();
         subscription->handler = std::move(handler);
-        const auto trampoline = [](void* user, const char*, const void* data, std::size_t size, std::int64_t receive_us) {
+        const auto trampoline = [](void* user, const char*, const void* data, std::size_t size,
+                                   std::int64_t receive_us) {
             auto* self = static_cast<Subscription*>(user);
             try {
-                if (self->message.decode(data, 0, static_cast<int>(size)) >= 0) self->handler(self->message, receive_us);
+                if (self->message.decode(data, 0, static_cast<int>(size)) >= 0)
+                    self->handler(self->message, receive_us);
             } catch (const std::exception&) {  // a handler must not throw; a bad message must not stop the loop
             }
         };
@@ -107,11 +109,11 @@ class Host {
 class Unit {
   public:
     virtual ~Unit() = default;
-    virtual Status configure() = 0;                                  ///< [setup] `settings` is filled
-    virtual Status start() { return {}; }                            ///< [setup]
+    virtual Status configure() = 0;                                     ///< [setup] `settings` is filled
+    virtual Status start() { return {}; }                               ///< [setup]
     virtual teres_step_outcome step(std::int64_t now_us) noexcept = 0;  ///< [loop]
-    virtual void stop() {}                                           ///< [setup]
-    virtual void* extension(std::string_view) { return nullptr; }    ///< [setup]
+    virtual void stop() {}                                              ///< [setup]
+    virtual void* extension(std::string_view) { return nullptr; }       ///< [setup]
 };
 
 namespace sdk {
@@ -233,8 +235,19 @@ struct UnitAdapter {
 
     static teres_factory factory(const char* id, const char* summary, teres_unit_kind kind) {
         auto& l = lister();
-        return {sizeof(teres_factory), kind, id, summary, l.list.data(), l.list.size(), &create, &configure,
-                &start, &step, &stop, &destroy, &extension};
+        return {sizeof(teres_factory),
+                kind,
+                id,
+                summary,
+                l.list.data(),
+                l.list.size(),
+                &create,
+                &configure,
+                &start,
+                &step,
+                &stop,
+                &destroy,
+                &extension};
     }
 };
 
@@ -242,12 +255,13 @@ struct UnitAdapter {
 }  // namespace teres
 
 /// Last line of plugin.cpp: exports the entry with one factory.
-#define TERES_PLUGIN(UnitType, unit_id, unit_summary, unit_kind)                                              \
-    namespace {                                                                                               \
-    const teres_factory teres_the_factory = teres::sdk::UnitAdapter<UnitType>::factory(unit_id, unit_summary, unit_kind); \
-    const teres_factory* const teres_the_factories[] = {&teres_the_factory};                                  \
-    }                                                                                                         \
-    extern "C" __attribute__((visibility("default"))) const teres_plugin_entry_t teres_plugin_entry;          \
-    const teres_plugin_entry_t teres_plugin_entry = {                                                         \
-        TERES_PLUGIN_MAGIC, sizeof(teres_plugin_entry_t), TERES_API_MAJOR, TERES_API_MINOR, 1u, unit_id,      \
+#define TERES_PLUGIN(UnitType, unit_id, unit_summary, unit_kind)                                           \
+    namespace {                                                                                            \
+    const teres_factory teres_the_factory =                                                                \
+        teres::sdk::UnitAdapter<UnitType>::factory(unit_id, unit_summary, unit_kind);                      \
+    const teres_factory* const teres_the_factories[] = {&teres_the_factory};                               \
+    }                                                                                                      \
+    extern "C" __attribute__((visibility("default"))) const teres_plugin_entry_t teres_plugin_entry;       \
+    const teres_plugin_entry_t teres_plugin_entry = {                                                      \
+        TERES_PLUGIN_MAGIC,   sizeof(teres_plugin_entry_t), TERES_API_MAJOR, TERES_API_MINOR, 1u, unit_id, \
         TERES_PLUGIN_VERSION, teres_the_factories};

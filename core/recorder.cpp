@@ -51,8 +51,7 @@ struct Recorder::Impl {
     std::filesystem::path file_name(int index) const {
         if (settings.split_mb == 0) return settings.file;
         std::string suffix = std::to_string(index);
-        return settings.file.string() + "." + std::string(suffix.size() < 2 ? 2 - suffix.size() : 0, '0') +
-               suffix;
+        return settings.file.string() + "." + std::string(suffix.size() < 2 ? 2 - suffix.size() : 0, '0') + suffix;
     }
 
     Status open_file() {
@@ -60,8 +59,7 @@ struct Recorder::Impl {
         if (!settings.overwrite && std::filesystem::exists(std::filesystem::symlink_status(name)))
             return invalid_input("recording " + name.string() + ": the file exists; choose another name");
         log_file = lcm_eventlog_create(name.c_str(), "w");
-        if (log_file == nullptr)
-            return host_fault("recording " + name.string() + ": " + std::strerror(errno));
+        if (log_file == nullptr) return host_fault("recording " + name.string() + ": " + std::strerror(errno));
         file_bytes = 0;
         return {};
     }
@@ -110,12 +108,10 @@ struct Recorder::Impl {
     }
 
     void write(Item& item) {
-        const std::int64_t size =
-            kEventOverhead + item.channel_bytes + static_cast<std::int64_t>(item.data.size());
+        const std::int64_t size = kEventOverhead + item.channel_bytes + static_cast<std::int64_t>(item.data.size());
         if (settings.max_mb > 0 && written_bytes + size > settings.max_mb << 20)
             return stop("the limit of " + std::to_string(settings.max_mb) + " MB is reached");
-        if (settings.split_mb > 0 && file_bytes > 0 && file_bytes + size > settings.split_mb << 20 &&
-            !next_file())
+        if (settings.split_mb > 0 && file_bytes > 0 && file_bytes + size > settings.split_mb << 20 && !next_file())
             return;
         lcm_eventlog_event_t event{};
         event.timestamp = item.stamp_us;
@@ -198,13 +194,11 @@ Result<Recorder> Recorder::open(const RecorderSettings& settings) {
     return Recorder(std::move(impl));
 }
 
-bool Recorder::record(std::string_view channel, std::span<const std::uint8_t> data,
-                      std::int64_t stamp_us) noexcept {
+bool Recorder::record(std::string_view channel, std::span<const std::uint8_t> data, std::int64_t stamp_us) noexcept {
     Impl& impl = *impl_;
     const bool sound =
         !channel.empty() && channel.size() <= LCM_MAX_CHANNEL_NAME_LENGTH && data.size() <= kMaxMessageBytes;
-    if (!sound || impl.stopped ||
-        impl.queued_bytes + sizeof(Item) + data.size() > impl.settings.queue_bytes) {
+    if (!sound || impl.stopped || impl.queued_bytes + sizeof(Item) + data.size() > impl.settings.queue_bytes) {
         ++impl.dropped;
         return false;
     }
@@ -242,8 +236,7 @@ void Recorder::flush() {
 
 std::int64_t Recorder::wall_clock_us() {
     using namespace std::chrono;
-    static const auto offset =
-        system_clock::now().time_since_epoch() - steady_clock::now().time_since_epoch();
+    static const auto offset = system_clock::now().time_since_epoch() - steady_clock::now().time_since_epoch();
     return duration_cast<microseconds>(steady_clock::now().time_since_epoch() + offset).count();
 }
 

@@ -16,10 +16,9 @@ namespace teres {
 
 struct RecorderSettings {
     std::filesystem::path file;
-    std::int64_t split_mb =
-        0;         ///< > 0: files file.00, file.01, ... of about this size (as lcm-logger --split-mb)
-    int keep = 0;  ///< > 0 with split_mb: only the newest `keep` files stay
-    std::int64_t max_mb = 0;             ///< > 0: recording stops when this much has been written
+    std::int64_t split_mb = 0;  ///< > 0: files file.00, file.01, ... of about this size (as lcm-logger --split-mb)
+    int keep = 0;               ///< > 0 with split_mb: only the newest `keep` files stay
+    std::int64_t max_mb = 0;    ///< > 0: recording stops when this much has been written
     std::size_t queue_bytes = 64 << 20;  ///< what may wait for the writer; more is dropped and counted
     bool overwrite = false;              ///< an existing file is an error otherwise
 };

@@ -1,4 +1,5 @@
-// How set-up reports failure: a value or an Error that says what, which bound and where. The loop never uses exceptions.
+// How set-up reports failure: a value or an Error that says what, which bound and where. The loop never uses
+// exceptions.
 #pragma once
 
 #include <string>
@@ -39,15 +40,15 @@ inline tl::unexpected<Error> host_fault(std::string text) {
 #define TERES_CONCAT(a, b) TERES_CONCAT_INNER(a, b)
 
 /// Returns the error of a Status or Result to the caller.
-#define TERES_TRY(expression)                                       \
-    do {                                                            \
-        auto teres_status = (expression);                           \
+#define TERES_TRY(expression)                                                      \
+    do {                                                                           \
+        auto teres_status = (expression);                                          \
         if (!teres_status) return tl::unexpected(std::move(teres_status).error()); \
     } while (false)
 
 /// TERES_TRY_ASSIGN(auto value, make_value()): binds the value or returns the error to the caller.
-#define TERES_TRY_ASSIGN(declaration, expression)                                            \
-    auto TERES_CONCAT(teres_result_, __LINE__) = (expression);                               \
-    if (!TERES_CONCAT(teres_result_, __LINE__))                                              \
-        return tl::unexpected(std::move(TERES_CONCAT(teres_result_, __LINE__)).error());     \
+#define TERES_TRY_ASSIGN(declaration, expression)                                        \
+    auto TERES_CONCAT(teres_result_, __LINE__) = (expression);                           \
+    if (!TERES_CONCAT(teres_result_, __LINE__))                                          \
+        return tl::unexpected(std::move(TERES_CONCAT(teres_result_, __LINE__)).error()); \
     declaration = std::move(*TERES_CONCAT(teres_result_, __LINE__))

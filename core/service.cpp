@@ -25,8 +25,7 @@ void tell_status(ManagerLink& manager, const health_t& health) noexcept {
     char text[256];
     std::int64_t degraded = 0;
     for (const unit_health_t& unit : health.units) degraded += unit.degraded_steps;
-    std::snprintf(text, sizeof(text),
-                  "STATUS=up %.0f s, %d units, %lld degraded steps, loop %.1f ms at most, %.0f MB",
+    std::snprintf(text, sizeof(text), "STATUS=up %.0f s, %d units, %lld degraded steps, loop %.1f ms at most, %.0f MB",
                   health.uptime_s, health.num_units, static_cast<long long>(degraded), health.loop_ms_max,
                   health.resident_memory_mb);
     manager.tell(text);

@@ -27,8 +27,7 @@ std::string joined(const std::vector<std::string>& names) {
 
 // The units that a list of the settings file names, each with its checked settings.
 Result<std::vector<LoadedUnit>> load_units(const Config& config, const std::vector<std::string>& names,
-                                           teres_unit_kind kind,
-                                           std::span<const std::filesystem::path> folders) {
+                                           teres_unit_kind kind, std::span<const std::filesystem::path> folders) {
     std::vector<LoadedUnit> units;
     for (const std::string& name : names) {
         TERES_TRY_ASSIGN(const std::filesystem::path file, find_plugin(name, folders));
@@ -43,12 +42,10 @@ Result<std::vector<LoadedUnit>> load_units(const Config& config, const std::vect
                 return invalid_input(std::string("unit ") + factory->id + " is a " +
                                      (kind == TERES_UNIT_DRIVER ? "plugin: name it in service.plugins"
                                                                 : "driver: name it in service.drivers"));
-            TERES_TRY_ASSIGN(
-                ResolvedSettings settings,
-                config.resolve(factory->id, std::span(factory->settings, factory->num_settings)));
+            TERES_TRY_ASSIGN(ResolvedSettings settings,
+                             config.resolve(factory->id, std::span(factory->settings, factory->num_settings)));
             units.push_back({factory, std::move(settings)});
-            log(Level::kDebug, "host",
-                std::string(factory->id) + " " + plugin.version + " from " + file.string());
+            log(Level::kDebug, "host", std::string(factory->id) + " " + plugin.version + " from " + file.string());
         }
     }
     return units;
@@ -64,9 +61,8 @@ Status check_other_sections(const Config& config, const std::set<std::string>& u
         if (used.count(section) > 0) continue;
         if (std::find(known.begin(), known.end(), section) == known.end()) {
             const std::string meant = closest_name(section, known);
-            return invalid_input(
-                place + ": [" + section + "] is not a known section" +
-                (meant.empty() ? "; there are: " + joined(known) : " (did you mean " + meant + "?)"));
+            return invalid_input(place + ": [" + section + "] is not a known section" +
+                                 (meant.empty() ? "; there are: " + joined(known) : " (did you mean " + meant + "?)"));
         }
         TERES_TRY_ASSIGN(const std::filesystem::path file, find_plugin(section, folders));
         TERES_TRY_ASSIGN(const PluginFile plugin, load_plugin(file));
@@ -102,8 +98,7 @@ Result<LoadedUnits> load_all(const Config& config) {
     for (const auto* list : {&units.plugins, &units.drivers})
         for (const LoadedUnit& unit : *list)
             if (!used.insert(unit.factory->id).second)
-                return invalid_input(std::string("unit ") + unit.factory->id +
-                                     " is named twice in [service]");
+                return invalid_input(std::string("unit ") + unit.factory->id + " is named twice in [service]");
     TERES_TRY(check_other_sections(config, used, folders));
     return units;
 }
@@ -149,11 +144,9 @@ Status Session::open_recorder() {
     recording.overwrite = settings_.record_overwrite;
     TERES_TRY_ASSIGN(recorder_, Recorder::open(recording));
     return bus_->subscribe(
-        ".*", kMaxMessageBytes,
-        [this](std::string_view channel, std::span<const std::uint8_t> data, std::int64_t) {
+        ".*", kMaxMessageBytes, [this](std::string_view channel, std::span<const std::uint8_t> data, std::int64_t) {
             // A replay is recorded on the clock of the recording: the same log every time.
-            recorder_->record(channel, data,
-                              clock_ != nullptr ? clock_->now_us() : Recorder::wall_clock_us());
+            recorder_->record(channel, data, clock_ != nullptr ? clock_->now_us() : Recorder::wall_clock_us());
         });
 }
 
@@ -211,8 +204,7 @@ Turn Session::step() noexcept {
     longest_turn_us_ = std::max(longest_turn_us_, monotonic_us() - begin);
 
     const auto has_ended = [](const auto& driver) { return driver->state() != UnitState::kRunning; };
-    const bool streams_ended =
-        drivers_.empty() ? bus_ended_ : std::all_of(drivers_.begin(), drivers_.end(), has_ended);
+    const bool streams_ended = drivers_.empty() ? bus_ended_ : std::all_of(drivers_.begin(), drivers_.end(), has_ended);
     turn.finished = streams_ended && drained;
     if (!turn.worked) {
         const int delivered = bus_->dispatch(static_cast<int>(settings_.idle_wait_ms));
@@ -267,14 +259,13 @@ bool Session::publish(HostedUnit&, const char* channel, const void* data, std::s
     return sent;
 }
 
-bool Session::subscribe(HostedUnit& unit, const char* channel, std::size_t max_bytes,
-                        teres_message_handler handler, void* user) noexcept {
+bool Session::subscribe(HostedUnit& unit, const char* channel, std::size_t max_bytes, teres_message_handler handler,
+                        void* user) noexcept {
     try {
         const bool counts =
             std::find(counted_patterns_.begin(), counted_patterns_.end(), channel) == counted_patterns_.end();
         if (counts) counted_patterns_.emplace_back(channel);
-        Subscription& added =
-            subscriptions_.emplace_back(Subscription{this, &unit, handler, user, counts, true});
+        Subscription& added = subscriptions_.emplace_back(Subscription{this, &unit, handler, user, counts, true});
         const auto deliver = [&added](std::string_view name, std::span<const std::uint8_t> data,
                                       std::int64_t receive_us) {
             if (added.counts) added.session->traffic_.received(name, data, monotonic_us());

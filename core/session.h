@@ -1,11 +1,11 @@
 // Units working together over one bus: what `teres run`, the offline commands and the tests all host plugins
 // with.
 //
-//     auto session = Session::open(config);                     plugins loaded and probed, bus open, units
-//     configured session->subscribe<boundary_estimate_t>("BOUNDARY_ESTIMATE", 1 << 24, [&](const auto&
-//     message) { ... }); session->start();                                         plugins in the order of
-//     the settings file, then drivers session->run_until_finished();                            every frame
-//     worked through before the next is asked for auto* model = session->extension<ForwardModel>();
+//     auto session = Session::open(config);      // plugins loaded and probed, bus open, units configured
+//     session->subscribe<boundary_estimate_t>("BOUNDARY_ESTIMATE", 1 << 24, [&](const auto& message) { ... });
+//     session->start();                          // plugins in the order of the settings file, then drivers
+//     session->run_until_finished();             // every frame worked through before the next is asked for
+//     auto* model = session->extension<ForwardModel>();
 //
 // One turn: drivers step, then (bus dispatch, plugins step) until nobody has anything left to do. With
 // memq:// and a driver that does not wait (speed 0) nothing is lost and every run takes the same steps in the
@@ -49,8 +49,7 @@ class Session final : private UnitServices {
     /// [setup] Between open and start, for the owner's own reading. Malformed messages are dropped.
     Status subscribe(const std::string& channel, std::size_t max_bytes, Bus::Handler handler);
     template <class Message>
-    Status subscribe(const std::string& channel, std::size_t max_bytes,
-                     std::function<void(const Message&)> handler);
+    Status subscribe(const std::string& channel, std::size_t max_bytes, std::function<void(const Message&)> handler);
 
     /// [setup] On failure the units that did start are stopped.
     Status start();
@@ -97,8 +96,8 @@ class Session final : private UnitServices {
     void silence(const HostedUnit& unit) noexcept;
 
     bool publish(HostedUnit& unit, const char* channel, const void* data, std::size_t size) noexcept override;
-    bool subscribe(HostedUnit& unit, const char* channel, std::size_t max_bytes,
-                   teres_message_handler handler, void* user) noexcept override;
+    bool subscribe(HostedUnit& unit, const char* channel, std::size_t max_bytes, teres_message_handler handler,
+                   void* user) noexcept override;
     void* extension_for(HostedUnit& unit, const char* extension_id) noexcept override;
     std::int64_t now_us() const noexcept override;
 
@@ -125,12 +124,11 @@ template <class Message>
 Status Session::subscribe(const std::string& channel, std::size_t max_bytes,
                           std::function<void(const Message&)> handler) {
     auto message = std::make_shared<Message>();
-    return subscribe(channel, max_bytes,
-                     [message, handler = std::move(handler)](
-                         std::string_view, std::span<const std::uint8_t> data, std::int64_t) {
-                         if (message->decode(data.data(), 0, static_cast<int>(data.size())) >= 0)
-                             handler(*message);
-                     });
+    return subscribe(
+        channel, max_bytes,
+        [message, handler = std::move(handler)](std::string_view, std::span<const std::uint8_t> data, std::int64_t) {
+            if (message->decode(data.data(), 0, static_cast<int>(data.size())) >= 0) handler(*message);
+        });
 }
 
 }  // namespace teres

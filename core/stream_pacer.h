@@ -18,8 +18,7 @@ class StreamPacer {
     /// order.
     double due_us(std::int64_t stamp_us, std::int64_t now_us) {
         // Differences in double: stamps come from a file and may be anything.
-        const double step =
-            last_stamp_us_ ? static_cast<double>(stamp_us) - static_cast<double>(*last_stamp_us_) : 0.0;
+        const double step = last_stamp_us_ ? static_cast<double>(stamp_us) - static_cast<double>(*last_stamp_us_) : 0.0;
         if (!last_stamp_us_) due_us_ = static_cast<double>(now_us);
         if (step < 0.0) ++backward_steps_;
         if (step > 0.0 && speed_ > 0.0) due_us_ += step / speed_;

@@ -18,8 +18,8 @@ namespace {
 
 constexpr std::uint32_t kMagicShort = 0x4c433032, kMagicFragment = 0x4c433033;  // "LC02", "LC03"
 constexpr std::uint32_t kUdpHeader = 8;  // a socket filter sees the packet from the UDP header on
-// LC02: magic, sequence, channel. LC03: magic, sequence, size of the message, offset of the fragment, u16 number, u16 count, and
-// in fragment 0 the channel.
+// LC02: magic, sequence, channel. LC03: magic, sequence, size of the message, offset of the fragment, u16 number, u16
+// count, and in fragment 0 the channel.
 constexpr std::uint32_t kAtMagic = kUdpHeader, kAtShortChannel = kUdpHeader + 8;
 constexpr std::uint32_t kAtSize = kUdpHeader + 8, kAtOffset = kUdpHeader + 12, kAtNumber = kUdpHeader + 16,
                         kAtCount = kUdpHeader + 18, kAtFragmentChannel = kUdpHeader + 20;

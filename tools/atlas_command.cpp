@@ -17,8 +17,7 @@ namespace {
 
 struct AtlasOptions {
     std::vector<std::string> folders, frames{"RAS"};
-    std::string unit, output, atlas_folder, surface_file, ligament = "falciform", plot_file, stdev_file,
-                                                          source;
+    std::string unit, output, atlas_folder, surface_file, ligament = "falciform", plot_file, stdev_file, source;
 };
 
 struct Livers {
@@ -28,8 +27,8 @@ struct Livers {
 
 Result<Livers> read_all(const AtlasOptions& o) {
     if (o.frames.size() != 1 && o.frames.size() != o.folders.size())
-        return invalid_input(std::to_string(o.frames.size()) + " frames for " +
-                             std::to_string(o.folders.size()) + " folders, expected one for all or one each");
+        return invalid_input(std::to_string(o.frames.size()) + " frames for " + std::to_string(o.folders.size()) +
+                             " folders, expected one for all or one each");
     TERES_TRY_ASSIGN(const double unit_m, unit_in_m(o.unit));
     Livers all;
     for (std::size_t i = 0; i < o.folders.size(); ++i) {
@@ -62,8 +61,7 @@ Result<int> build(const AtlasOptions& o) {
     made.atlas.source = o.source;
     TERES_TRY(save_atlas(made.atlas, o.output));
     for (const AtlasLigament& l : made.atlas.ligaments) {
-        std::printf("%-16s %2d livers, bandwidth %.1f mm\n", l.name.c_str(), l.num_livers,
-                    1e3 * l.bandwidth_m);
+        std::printf("%-16s %2d livers, bandwidth %.1f mm\n", l.name.c_str(), l.num_livers, 1e3 * l.bandwidth_m);
         warn_of_spread(l);
     }
     return kDone;
@@ -100,14 +98,13 @@ Result<int> transfer(const AtlasOptions& o) {
     std::printf("%s on %s: registered within %.2f mm (rms), turned by %.0f degrees\n", o.ligament.c_str(),
                 o.surface_file.c_str(), 1e3 * result.registration_rms_m,
                 result.rotation_rad * 180.0 / std::numbers::pi);
-    std::printf("  expected strip (p >= %.1f) %.1f cm2, 90 %% region (p >= %.1f) %.1f cm2 of %.0f cm2\n",
-                kStripLevel, share(kStripLevel), kRegionLevel, share(kRegionLevel), 1e4 * area.sum());
+    std::printf("  expected strip (p >= %.1f) %.1f cm2, 90 %% region (p >= %.1f) %.1f cm2 of %.0f cm2\n", kStripLevel,
+                share(kStripLevel), kRegionLevel, share(kRegionLevel), 1e4 * area.sum());
     return kDone;
 }
 
 // Left: distances and coverage per liver. Right: stated against observed share.
-Status save_evaluation(const std::vector<HeldOutLiver>& results, const std::string& ligament,
-                       const std::string& file) {
+Status save_evaluation(const std::vector<HeldOutLiver>& results, const std::string& ligament, const std::string& file) {
     Plot plot;
     plot.title = "Atlas, leave-one-out over " + std::to_string(results.size()) + " livers: " + ligament;
     plot.x_label = "share of the true attachment nodes / stated level";
@@ -118,8 +115,7 @@ Status save_evaluation(const std::vector<HeldOutLiver>& results, const std::stri
     }
     std::sort(all.begin(), all.end());
     std::sort(levels.begin(), levels.end());
-    Curve distance{"all livers", {}, {}}, coverage{"observed", {}, {}},
-        ideal{"ideal", {0.0, 1.0}, {0.0, 1.0}};
+    Curve distance{"all livers", {}, {}}, coverage{"observed", {}, {}}, ideal{"ideal", {0.0, 1.0}, {0.0, 1.0}};
     ideal.dashed = true;
     const auto n = static_cast<double>(all.size());
     for (std::size_t i = 0; i < all.size(); ++i) {
@@ -155,8 +151,8 @@ Result<int> evaluate(const AtlasOptions& o) {
         "| liver | to the expected strip, mean / 95 %% [mm] | to the most probable line [mm] | in the 90 %% "
         "region | region, share of the surface | bandwidth [mm] |\n|---|---|---|---|---|---|\n");
     for (const auto& r : results) {
-        std::printf("| %s | %.1f / %.1f | %.1f | %.0f %% | %.1f %% | %.1f |\n", r.name.c_str(), r.mean_mm,
-                    r.p95_mm, r.line_mm, 100.0 * r.coverage, 100.0 * r.region_share, 1e3 * r.bandwidth_m);
+        std::printf("| %s | %.1f / %.1f | %.1f | %.0f %% | %.1f %% | %.1f |\n", r.name.c_str(), r.mean_mm, r.p95_mm,
+                    r.line_mm, 100.0 * r.coverage, 100.0 * r.region_share, 1e3 * r.bandwidth_m);
         const auto nodes = static_cast<double>(r.distances_mm.size());
         distances.insert(distances.end(), r.distances_mm.begin(), r.distances_mm.end());
         line += r.line_mm * nodes;
@@ -189,8 +185,7 @@ void add_folders(CLI::App& verb, AtlasOptions& o) {
         ->required()
         ->type_name("DIR");
     verb.add_option("--unit", o.unit, "Unit of the surfaces: m, cm or mm")->default_val("mm");
-    verb.add_option("--frame", o.frames,
-                    "Where +x, +y, +z point, one for all folders or one each: R/L, A/P, S/I")
+    verb.add_option("--frame", o.frames, "Where +x, +y, +z point, one for all folders or one each: R/L, A/P, S/I")
         ->delimiter(',')
         ->type_name("FRAME[,FRAME]");
 }
@@ -198,8 +193,8 @@ void add_folders(CLI::App& verb, AtlasOptions& o) {
 }  // namespace
 
 void add_atlas_command(CLI::App& app, int& exit_code) {
-    CLI::App* verb = app.add_subcommand(
-        "atlas", "where ligaments attach: build an atlas, carry it to a liver, measure it");
+    CLI::App* verb =
+        app.add_subcommand("atlas", "where ligaments attach: build an atlas, carry it to a liver, measure it");
     verb->require_subcommand(1);
     verb->footer(
         "Examples:\n  teres atlas build livers15 -o atlas\n  teres atlas transfer atlas liver.stl --unit mm -o "
@@ -212,20 +207,17 @@ void add_atlas_command(CLI::App& app, int& exit_code) {
                             build);
     add_folders(*sub, *o);
     sub->add_option("-o,--output", o->output, "Folder of the atlas")->required()->type_name("DIR");
-    sub->add_option("--source", o->source, "Origin and licence of the livers, kept in atlas.json")
-        ->type_name("TEXT");
+    sub->add_option("--source", o->source, "Origin and licence of the livers, kept in atlas.json")->type_name("TEXT");
 
-    sub = add_sub(*verb, exit_code, o, "transfer",
-                  "probability that a ligament attaches, per vertex of a liver surface",
-                  "  teres atlas transfer atlas liver.stl --unit mm -o ligament_prior.csv\n"
-                  "  teres atlas transfer atlas liver.obj --unit m --ligament coronary -o coronary.csv\n"
-                  "The surface is closed and lies within 30 degrees of the frame. p >= 0.5: expected strip, "
-                  "p >= 0.1: the\n"
-                  "region that holds 90 % of the attachment.",
-                  transfer);
-    sub->add_option("atlas", o->atlas_folder, "Folder made by `teres atlas build`")
-        ->required()
-        ->type_name("ATLAS");
+    sub =
+        add_sub(*verb, exit_code, o, "transfer", "probability that a ligament attaches, per vertex of a liver surface",
+                "  teres atlas transfer atlas liver.stl --unit mm -o ligament_prior.csv\n"
+                "  teres atlas transfer atlas liver.obj --unit m --ligament coronary -o coronary.csv\n"
+                "The surface is closed and lies within 30 degrees of the frame. p >= 0.5: expected strip, "
+                "p >= 0.1: the\n"
+                "region that holds 90 % of the attachment.",
+                transfer);
+    sub->add_option("atlas", o->atlas_folder, "Folder made by `teres atlas build`")->required()->type_name("ATLAS");
     sub->add_option("surface", o->surface_file, "Closed triangle surface: .obj .stl .ply .vtk")
         ->required()
         ->type_name("SURFACE");

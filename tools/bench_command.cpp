@@ -111,8 +111,7 @@ Result<Recording> make_recording(const BenchOptions& options, bool cut = false) 
     scene.frames = options.frames;
     scene.law = options.law == "ogden" ? BodyLaw::kOgden : BodyLaw::kStVK;
     r.scene = bench_case(scene);
-    TERES_TRY_ASSIGN(const std::unique_ptr<CaseModel> model,
-                     CaseModel::make(r.scene, model_settings(options, 1)));
+    TERES_TRY_ASSIGN(const std::unique_ptr<CaseModel> model, CaseModel::make(r.scene, model_settings(options, 1)));
     const auto frames = static_cast<Eigen::Index>(options.frames),
                rows = static_cast<Eigen::Index>(3 * model->num_markers());
     r.force.setZero(static_cast<Eigen::Index>(3 * model->num_regions()), frames);
@@ -134,8 +133,8 @@ Result<Recording> make_recording(const BenchOptions& options, bool cut = false) 
     for (Eigen::Index f = 0; f < frames; ++f) {
         if (f == r.cut_frame && model->cut(r.cut_tets, r.released).outcome != CutOutcome::kDone)
             return not_usable("the cut of the bench recording was refused");
-        const ForwardReport report = model->advance(
-            inputs_of(r, f), {r.theta.data(), static_cast<std::size_t>(r.theta.size())}, span_of(x), 1);
+        const ForwardReport report =
+            model->advance(inputs_of(r, f), {r.theta.data(), static_cast<std::size_t>(r.theta.size())}, span_of(x), 1);
         if (report.lanes_converged != 1)
             return not_usable(fmt::format("frame {} of the bench recording did not converge", f));
         model->observe(span_of(x), span_of(z), 1);
@@ -149,7 +148,7 @@ Result<Recording> make_recording(const BenchOptions& options, bool cut = false) 
 struct FilterRun {
     std::vector<double> step_ms, iterations, marker_rms;
     double cut_ms = 0.0;  ///< of the change itself, before the step
-    SolverTimes times;  // of the timed frames
+    SolverTimes times;    // of the timed frames
     int timed = 0, factorisations = 0, not_converged = 0, unknowns = 0;
     double rest_ms = 0.0;  ///< a frame: filter algebra, copies, waiting for a renewal
 };
@@ -174,12 +173,7 @@ Result<FilterRun> run_filter(const Recording& recording, const BenchOptions& opt
             z[m] = recording.markers(row + 2, f);
         }
         const MarkerFrame frame{
-            static_cast<std::int64_t>(1e6 * static_cast<double>(f) * recording.scene.dt_s) + 1,
-            id,
-            x,
-            y,
-            z,
-            sigma};
+            static_cast<std::int64_t>(1e6 * static_cast<double>(f) * recording.scene.dt_s) + 1, id, x, y, z, sigma};
         if (f == recording.markers.cols() / 5) before = model->solver().times();
         if (f == recording.cut_frame)
             run.cut_ms = milliseconds([&] {
@@ -198,13 +192,11 @@ Result<FilterRun> run_filter(const Recording& recording, const BenchOptions& opt
         run.factorisations += report.factorisations;
     }
     const SolverTimes& now = model->solver().times();
-    run.times = {now.gradient - before.gradient,     now.metric - before.metric,
-                 now.correction - before.correction, now.history - before.history,
-                 now.factorise - before.factorise,   now.newton - before.newton};
+    run.times = {now.gradient - before.gradient, now.metric - before.metric,       now.correction - before.correction,
+                 now.history - before.history,   now.factorise - before.factorise, now.newton - before.newton};
     const SolverTimes& t = run.times;
     run.rest_ms =
-        (total - 1e3 * (t.gradient + t.metric + t.correction + t.history + t.factorise + t.newton)) /
-        run.timed;
+        (total - 1e3 * (t.gradient + t.metric + t.correction + t.history + t.factorise + t.newton)) / run.timed;
     return run;
 }
 
@@ -216,8 +208,7 @@ struct SingleRun {
     MatrixXd states;
 };
 
-Result<SingleRun> run_single(const Recording& recording, BenchOptions options, bool plain,
-                             Eigen::Index frames) {
+Result<SingleRun> run_single(const Recording& recording, BenchOptions options, bool plain, Eigen::Index frames) {
     CaseModelSettings settings = model_settings(options, 1);
     settings.equilibrium.plain_newton = plain;
     if (plain) settings.threads = 1;
@@ -228,9 +219,9 @@ Result<SingleRun> run_single(const Recording& recording, BenchOptions options, b
     for (Eigen::Index f = 0; f < frames; ++f) {
         ForwardReport report;
         const double ms = milliseconds([&] {
-            report = model->advance(
-                inputs_of(recording, f),
-                {recording.theta.data(), static_cast<std::size_t>(recording.theta.size())}, span_of(x), 1);
+            report = model->advance(inputs_of(recording, f),
+                                    {recording.theta.data(), static_cast<std::size_t>(recording.theta.size())},
+                                    span_of(x), 1);
         });
         run.states.col(f) = x;
         if (f < frames / 5) continue;
@@ -285,11 +276,13 @@ Result<json> cut_cost(BenchOptions options) {
     };
     const double usual = of(run.step_ms, 0, at), step = run.step_ms[static_cast<std::size_t>(at)],
                  after = of(run.step_ms, at + 1, at + 11);
-    const double rms_before = of(run.marker_rms, 0, at), rms_after = of(run.marker_rms, at + 10, std::ssize(run.marker_rms));
-    fmt::print("cut of {} tetrahedra, one ligament group released: change {:.1f} ms, its step {:.2f} of a usual step, the ten "
-               "after it {:.2f} (median); markers predicted to {:.2f} mm before, {:.2f} mm after; {} lanes not converged\n",
-               recording.cut_tets.size(), run.cut_ms, step / usual, after / usual, 1e3 * rms_before, 1e3 * rms_after,
-               run.not_converged);
+    const double rms_before = of(run.marker_rms, 0, at),
+                 rms_after = of(run.marker_rms, at + 10, std::ssize(run.marker_rms));
+    fmt::print(
+        "cut of {} tetrahedra, one ligament group released: change {:.1f} ms, its step {:.2f} of a usual step, the ten "
+        "after it {:.2f} (median); markers predicted to {:.2f} mm before, {:.2f} mm after; {} lanes not converged\n",
+        recording.cut_tets.size(), run.cut_ms, step / usual, after / usual, 1e3 * rms_before, 1e3 * rms_after,
+        run.not_converged);
     return json{{"tetrahedra", recording.cut_tets.size()},
                 {"change_ms", run.cut_ms},
                 {"step_ms", step},
@@ -304,14 +297,12 @@ Result<json> cut_cost(BenchOptions options) {
 /// One row of a scaling table: the filter alone.
 Result<json> scaling_row(BenchOptions options, const char* what, int value) {
     const auto text = std::string(what);
-    (text == "tetrahedra" ? options.tetrahedra
-     : text == "unknowns" ? options.unknowns
-                          : options.threads) = value;
+    (text == "tetrahedra" ? options.tetrahedra : text == "unknowns" ? options.unknowns : options.threads) = value;
     TERES_TRY_ASSIGN(const Recording recording, make_recording(options));
     TERES_TRY_ASSIGN(const FilterRun run, run_filter(recording, options));
     const auto p = percentiles(run.step_ms);
-    fmt::print("  {:>10} {:>6}: filter step {:8.2f} ms (p99 {:8.2f}), {:.1f} iterations, {} tetrahedra\n",
-               what, value, p.p50, p.p99, mean(run.iterations), recording.scene.mesh.tets.size());
+    fmt::print("  {:>10} {:>6}: filter step {:8.2f} ms (p99 {:8.2f}), {:.1f} iterations, {} tetrahedra\n", what, value,
+               p.p50, p.p99, mean(run.iterations), recording.scene.mesh.tets.size());
     return json{{what, value},
                 {"tets", recording.scene.mesh.tets.size()},
                 {"filter_step_ms_median", p.p50},
@@ -350,8 +341,7 @@ Status plot_scaling(const json& tables, const std::string& folder) {
             p99.x.push_back(x);
             p99.y.push_back(row["filter_step_ms_p99"]);
         }
-        plot.panels.push_back(
-            {.title = "", .y_label = "one filter step [ms]", .log_y = true, .curves = {median, p99}});
+        plot.panels.push_back({.title = "", .y_label = "one filter step [ms]", .log_y = true, .curves = {median, p99}});
         TERES_TRY(save_plot(plot, std::filesystem::path(folder) / fmt::format("bench_{}.png", what)));
     }
     return {};
@@ -392,8 +382,7 @@ Result<int> bench(const BenchOptions& options) {
     double motion = 0.0, per_frame = 0.0;
     for (Eigen::Index f = 1; f < recording.truth.cols(); ++f) {
         motion = std::max(motion, (recording.truth.col(f) - recording.truth.col(0)).cwiseAbs().maxCoeff());
-        per_frame =
-            std::max(per_frame, (recording.truth.col(f) - recording.truth.col(f - 1)).cwiseAbs().maxCoeff());
+        per_frame = std::max(per_frame, (recording.truth.col(f) - recording.truth.col(f - 1)).cwiseAbs().maxCoeff());
     }
     fmt::print("largest motion {:.1f} mm, {:.2f} mm from frame to frame\n", 1e3 * motion, 1e3 * per_frame);
     const double difference = (single.states.leftCols(plain_frames) - plain.states).cwiseAbs().maxCoeff() /
@@ -429,16 +418,15 @@ Result<int> bench(const BenchOptions& options) {
         filter.not_converged);
     for (const auto& [name, ms] : out["filter_split"].items())
         fmt::print("    {:<26} {:8.2f} ms a frame\n", name.substr(0, name.size() - 3), ms.get<double>());
-    fmt::print("one simulation                    {:8.2f} ms median, {:.2f} ms p99 ({:.1f} iterations)\n",
-               one.p50, one.p99, single.iterations);
+    fmt::print("one simulation                    {:8.2f} ms median, {:.2f} ms p99 ({:.1f} iterations)\n", one.p50,
+               one.p99, single.iterations);
     fmt::print(
         "one plain simulation              {:8.2f} ms (full Newton, direct solve, one thread); fast and "
         "plain differ by {:.1e} of the body's extent\n",
         direct.p50, difference);
     fmt::print("filter step / {} plain simulations {:7.3f}\n", filter.unknowns + 1,
                step.p50 / (simulations * direct.p50));
-    fmt::print("filter step / one factorisation   {:8.2f}   ({:.1f} ms)\n", step.p50 / factorisation,
-               factorisation);
+    fmt::print("filter step / one factorisation   {:8.2f}   ({:.1f} ms)\n", step.p50 / factorisation, factorisation);
     fmt::print("peak memory                       {:8.1f} MB\n", memory);
     TERES_TRY_ASSIGN(out["cut"], cut_cost(options));
     if (options.scaling) {
@@ -488,12 +476,10 @@ void add_bench_command(CLI::App& app, int& exit_code) {
                      "linear: plain linear tetrahedra, as in the paper; nodal_blend: the default, does not lock")
         ->check(CLI::IsMember({"nodal_blend", "linear"}))
         ->capture_default_str();
-    verb->add_option("--residual", options->relative_residual,
-                     "a step ends when |residual| <= this * |applied force|")
+    verb->add_option("--residual", options->relative_residual, "a step ends when |residual| <= this * |applied force|")
         ->check(CLI::Range(1e-12, 1e-2))
         ->capture_default_str();
-    verb->add_flag("--scaling", options->scaling,
-                   "also scaling with unknowns, threads and tetrahedra (some minutes)");
+    verb->add_flag("--scaling", options->scaling, "also scaling with unknowns, threads and tetrahedra (some minutes)");
     verb->add_option("--plot", options->plot_folder, "folder for plots of --scaling");
     verb->add_option("--write-case", options->case_folder,
                      "only write the recording as a case folder, for teres replay");

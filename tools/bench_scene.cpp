@@ -73,11 +73,9 @@ Case bench_case(const BenchScene& scene) {
         const double cell = 2.0 / n;
         if (cube[1] > 1.0 - 1e-9) {  // strip over the top: sure in the middle, doubtful at its ends
             const double across = std::abs(cube[2]) / 0.45, along = std::abs(cube[0]);
-            if (across < 1.0)
-                c.ligament_prior.push_back({id, 0.9 * (1.0 - 0.5 * across) * (along < 0.7 ? 1.0 : 0.5)});
+            if (across < 1.0) c.ligament_prior.push_back({id, 0.9 * (1.0 - 0.5 * across) * (along < 0.7 ? 1.0 : 0.5)});
         }
-        if (cube[2] < -1.0 + 1e-9 && std::abs(cube[0] + 0.2) < 0.2 + cell / 2.0 &&
-            std::abs(cube[1]) < 0.4 + cell / 2.0)
+        if (cube[2] < -1.0 + 1e-9 && std::abs(cube[0] + 0.2) < 0.2 + cell / 2.0 && std::abs(cube[1]) < 0.4 + cell / 2.0)
             c.clamped.push_back(id);  // around the vena cava
         if (cube[1] < -1.0 + 1e-9 && std::abs(cube[2]) < 0.3 + cell) {
             auto& region = cube[0] < 0.0 ? right : left;
@@ -97,9 +95,8 @@ Case bench_case(const BenchScene& scene) {
     }
     const auto count = static_cast<std::size_t>(scene.markers);
     for (std::size_t m = 0; m < count; ++m)
-        c.markers.push_back(
-            {static_cast<std::int32_t>(m),
-             c.mesh.nodes[static_cast<std::size_t>(front[m * (front.size() - 1) / (count - 1)])]});
+        c.markers.push_back({static_cast<std::int32_t>(m),
+                             c.mesh.nodes[static_cast<std::size_t>(front[m * (front.size() - 1) / (count - 1)])]});
     return c;
 }
 

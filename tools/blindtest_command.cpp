@@ -54,8 +54,8 @@ Status generate(const BlindtestOptions& o, const std::vector<CaseSpec>& cases) {
     if (!o.keep) fs::remove_all(scratch);
     TERES_TRY_ASSIGN(const std::string list, seal_list(out, cases));
     TERES_TRY(write_text_file(out / ("seal-" + shard_name(o.plan) + ".sha256"), list));
-    std::printf("%zu cases, %d discarded (CalculiX did not converge)\nseal %s  (SHA-256 of %s/seal-%s.sha256)\n", cases.size(),
-                discarded, sha256(list).c_str(), o.out.c_str(), shard_name(o.plan).c_str());
+    std::printf("%zu cases, %d discarded (CalculiX did not converge)\nseal %s  (SHA-256 of %s/seal-%s.sha256)\n",
+                cases.size(), discarded, sha256(list).c_str(), o.out.c_str(), shard_name(o.plan).c_str());
     std::fflush(stdout);
     return {};
 }
@@ -133,12 +133,14 @@ void add_blindtest_command(CLI::App& app, int& exit_code) {
     BlindtestOptions& o = *options;
     CLI::App* verb = add_verb(
         app, exit_code, "blindtest", "sealed cases from another solver (CalculiX), diagnosed, opened, scored",
-        "  teres blindtest --cases 29 --seed 7 --out bench                 # generate, diagnose, score: every effect once\n"
+        "  teres blindtest --cases 29 --seed 7 --out bench                 # generate, diagnose, score: every effect "
+        "once\n"
         "  teres blindtest generate --cases 290 --two-causes 16 --shard 3/8 --out bench     # one of eight shards\n"
         "  teres blindtest diagnose --cases 290 --two-causes 16 --shard 3/8 --out bench --withheld\n"
         "  teres blindtest score    --cases 290 --two-causes 16 --shard 3/8 --out bench\n"
         "  teres blindtest merge bench/results-*.jsonl --plots bench/plots\n"
-        "Stages that were interrupted go on where they stopped. OUT/cases is all that the diagnosis is given; OUT/sealed\n"
+        "Stages that were interrupted go on where they stopped. OUT/cases is all that the diagnosis is given; "
+        "OUT/sealed\n"
         "holds the labels, OUT/seal-*.sha256 their sums (checked before they are opened; `sha256sum -c` reads it).\n"
         "Needs the program ccx (apt-get install calculix-ccx). Exit code 1: the seal is broken.",
         [options] {
@@ -151,13 +153,17 @@ void add_blindtest_command(CLI::App& app, int& exit_code) {
     verb->add_option("files", o.files, "merge: results-*.jsonl of the shards")->type_name("FILE");
     verb->add_option("--cases", o.plan.cases, "Cases with one cause or none")->capture_default_str();
     verb->add_option("--two-causes", o.plan.two_causes, "Cases with two causes, besides")->capture_default_str();
-    verb->add_option("--effects", o.plan.effects, "Only these, separated by commas (`none`: a control)")->delimiter(',')->type_name("ID,ID");
+    verb->add_option("--effects", o.plan.effects, "Only these, separated by commas (`none`: a control)")
+        ->delimiter(',')
+        ->type_name("ID,ID");
     verb->add_option("--seed", o.plan.seed, "Same seed, same cases")->capture_default_str();
     verb->add_option("--shard", o.shard, "Part i of n, i from 0")->type_name("I/N")->capture_default_str();
     verb->add_option("--out", o.out, "Folder of the test")->type_name("DIR")->capture_default_str();
     verb->add_option("--plots", o.plots, "score, merge: pictures into this folder (PNG)")->type_name("DIR");
     verb->add_option("--floor-mm", o.floor_mm, "Floor instead of the controls' median gap")->type_name("MM");
-    verb->add_option("--limit-s", o.trial.limit_s, "Time limit of one diagnosis")->type_name("S")->capture_default_str();
+    verb->add_option("--limit-s", o.trial.limit_s, "Time limit of one diagnosis")
+        ->type_name("S")
+        ->capture_default_str();
     verb->add_flag("--withheld", o.trial.withheld, "Diagnose once more with the true effect withheld");
     verb->add_flag("--no-baseline", o.no_baseline, "Without `teres estimate`: no true shrinkage");
     verb->add_flag("--keep", o.keep, "Keep the solver's last files");

@@ -27,13 +27,13 @@ int bridge(const BridgeOptions& options) {
     if (!republisher) return report(republisher.error());
     auto bus = Bus::open(options.url);
     if (!bus) return report(bus.error());
-    const Status heard = bus->subscribe(
-        options.channels, kMaxMessageBytes,
-        [&](std::string_view channel, std::span<const std::uint8_t> data, std::int64_t) {
-            const bool image = channel.starts_with("CAMERA_") && !channel.ends_with("_INFO");
-            if (image && !options.images) return;
-            republisher->message(channel, data, monotonic_us());
-        });
+    const Status heard =
+        bus->subscribe(options.channels, kMaxMessageBytes,
+                       [&](std::string_view channel, std::span<const std::uint8_t> data, std::int64_t) {
+                           const bool image = channel.starts_with("CAMERA_") && !channel.ends_with("_INFO");
+                           if (image && !options.images) return;
+                           republisher->message(channel, data, monotonic_us());
+                       });
     if (!heard) return report(heard.error());
     std::fprintf(stderr, "republishing on %s to %s; there: teres spy --url 'udpm://%s?ttl=1'\n",
                  options.interface.c_str(), options.group.c_str(), options.group.c_str());
@@ -60,8 +60,7 @@ void add_bridge_command(CLI::App& app, int& exit_code) {
         [options] { return bridge(*options); });
     verb->add_option("--interface", options->interface, "Interface that the messages leave by")->required();
     verb->add_option("--url", options->url, "LCM URL of the bus")->envname("LCM_DEFAULT_URL")->capture_default_str();
-    verb->add_option("--channels", options->channels, "Expression over the whole channel name")
-        ->capture_default_str();
+    verb->add_option("--channels", options->channels, "Expression over the whole channel name")->capture_default_str();
     verb->add_flag("--images", options->images, "Images as well, as far as the limits let them pass");
     verb->add_option("--group", options->group, "Multicast address and port")->capture_default_str();
     verb->add_option("--hops", options->hops, "Networks that the packets may cross (TTL)")
@@ -73,7 +72,8 @@ void add_bridge_command(CLI::App& app, int& exit_code) {
     verb->add_option("--bytes-per-s", options->limits.bytes_per_s, "Over all channels")
         ->check(CLI::Range(1e3, 1e9))
         ->capture_default_str();
-    verb->add_option("--seconds", options->seconds, "End after this time; 0: when stopped")->check(CLI::Range(0.0, 1e7));
+    verb->add_option("--seconds", options->seconds, "End after this time; 0: when stopped")
+        ->check(CLI::Range(0.0, 1e7));
 }
 
 }  // namespace teres::tools

@@ -48,9 +48,13 @@ nlohmann::json as_json(const SheetMaterial& m, const Sheet& sheet, const SheetPa
             {"yeoh_pa", {m.c1_pa, m.c2_pa, m.c3_pa}},
             {"load_n", sheet.load_n(m)},
             {"spring_law", {{"g1", r.law.g1}, {"g2", r.law.g2}, {"g3", r.law.g3}, {"diagonal_share", r.law.diagonal}}},
-            {"stdev", {{"ln_g1", r.stdev(0)}, {"q", r.stdev(1)}, {"ln_g3", r.stdev(2)}, {"logit_diagonal_share", r.stdev(3)}}},
+            {"stdev",
+             {{"ln_g1", r.stdev(0)}, {"q", r.stdev(1)}, {"ln_g3", r.stdev(2)}, {"logit_diagonal_share", r.stdev(3)}}},
             {"error_mm",
-             {{"mean", r.mean_error_mm}, {"p95", r.p95_error_mm}, {"max", r.max_error_mm}, {"mean_at_full_load", r.last_error_mm}}},
+             {{"mean", r.mean_error_mm},
+              {"p95", r.p95_error_mm},
+              {"max", r.max_error_mm},
+              {"mean_at_full_load", r.last_error_mm}}},
             {"rounds", r.rounds},
             {"finite_elements", truth.elements},
             {"finite_element_seconds", truth.seconds},
@@ -103,35 +107,41 @@ Result<int> calibrate_springs(CalibrateOptions& o) {
     if (materials.empty()) return invalid_input("calibrate-springs: neither --youngs-modulus nor --curve is given");
     const ScratchFolder scratch;
     if (scratch.path.empty()) return host_fault("cannot make a folder in " + fs::temp_directory_path().string());
-    Plot plot{.title = "Two layers of cubic springs against a sheet of finite elements", .x_label = "load [% of the largest]", .columns = 2};
+    Plot plot{.title = "Two layers of cubic springs against a sheet of finite elements",
+              .x_label = "load [% of the largest]",
+              .columns = 2};
     nlohmann::json results = nlohmann::json::array();
     double worst = 0.0;
     Progress progress("sheets", materials.size());
     for (const SheetMaterial& m : materials) {
-        TERES_TRY_ASSIGN(const SheetPath truth, stretch_sheet(sheet, m, scratch.path / std::to_string(results.size()), kLimit_s));
+        TERES_TRY_ASSIGN(const SheetPath truth,
+                         stretch_sheet(sheet, m, scratch.path / std::to_string(results.size()), kLimit_s));
         TERES_TRY_ASSIGN(const CalibrationResult r, calibrate(sheet, m, truth));
         results.push_back(as_json(m, sheet, truth, r));
         add_panels(plot, m, sheet, truth, r);
         worst = std::max(worst, r.mean_error_mm);
         progress.step();
-        std::printf("%s: T = E A/L (%.3f e %+.3f e^2 %+.3f e^3), %.0f %% in diagonals\n", m.name.c_str(), r.law.g1, r.law.g2,
-                    r.law.g3, 100.0 * r.law.diagonal);
-        std::printf("  edge nodes to %.0f %% strain: mean %.2f mm, 95 %% %.2f mm, largest %.2f mm; at full load %.2f mm\n",
-                    100.0 * sheet.strain, r.mean_error_mm, r.p95_error_mm, r.max_error_mm, r.last_error_mm);
+        std::printf("%s: T = E A/L (%.3f e %+.3f e^2 %+.3f e^3), %.0f %% in diagonals\n", m.name.c_str(), r.law.g1,
+                    r.law.g2, r.law.g3, 100.0 * r.law.diagonal);
+        std::printf(
+            "  edge nodes to %.0f %% strain: mean %.2f mm, 95 %% %.2f mm, largest %.2f mm; at full load %.2f mm\n",
+            100.0 * sheet.strain, r.mean_error_mm, r.p95_error_mm, r.max_error_mm, r.last_error_mm);
         std::printf("  sheet of %zu wedges %.2f s, springs %.2f ms: %.0f times faster\n", truth.elements, truth.seconds,
                     1e3 * r.seconds, truth.seconds / r.seconds);
     }
     if (!o.json_file.empty())
-        TERES_TRY(write_text_file(o.json_file, nlohmann::json{{"format", "teres-springs-1"},
-                                                              {"sheet_m", {sheet.width_m, sheet.length_m, sheet.thickness_m}},
-                                                              {"strain", sheet.strain},
-                                                              {"edge_nodes", sheet.columns},
-                                                              {"results", results}}
-                                                   .dump(2) +
-                                                   "\n"));
+        TERES_TRY(
+            write_text_file(o.json_file, nlohmann::json{{"format", "teres-springs-1"},
+                                                        {"sheet_m", {sheet.width_m, sheet.length_m, sheet.thickness_m}},
+                                                        {"strain", sheet.strain},
+                                                        {"edge_nodes", sheet.columns},
+                                                        {"results", results}}
+                                                 .dump(2) +
+                                             "\n"));
     if (!o.plot_file.empty()) TERES_TRY(save_plot(plot, o.plot_file));
     if (worst > kUsableError_mm)
-        return not_usable("the springs miss a sheet by " + std::to_string(worst) + " mm on average, at most 2.4 mm is usable");
+        return not_usable("the springs miss a sheet by " + std::to_string(worst) +
+                          " mm on average, at most 2.4 mm is usable");
     return kDone;
 }
 
@@ -139,26 +149,34 @@ Result<int> calibrate_springs(CalibrateOptions& o) {
 
 void add_calibrate_springs_command(CLI::App& app, int& exit_code) {
     auto o = std::make_shared<CalibrateOptions>();
-    CLI::App* verb = add_verb(app, exit_code, "calibrate-springs", "law of two-layer cubic springs from a ligament's material",
-                              "  teres calibrate-springs --youngs-modulus 5e6\n"
-                              "  teres calibrate-springs --youngs-modulus 5e6 300e6 --json springs.json --plot springs.png\n"
-                              "  teres calibrate-springs --curve falciform.csv --strain 0.3     # columns strain,stress_pa\n"
-                              "A sheet of this material is stretched by CalculiX (program ccx) as the truth; the springs' law is\n"
-                              "assimilated from the motion of its edge. e: strain of a layer, A, L: cross-section, length.",
-                              [o] {
-                                  const Result<int> code = calibrate_springs(*o);
-                                  return code ? *code : report(code.error());
-                              });
+    CLI::App* verb =
+        add_verb(app, exit_code, "calibrate-springs", "law of two-layer cubic springs from a ligament's material",
+                 "  teres calibrate-springs --youngs-modulus 5e6\n"
+                 "  teres calibrate-springs --youngs-modulus 5e6 300e6 --json springs.json --plot springs.png\n"
+                 "  teres calibrate-springs --curve falciform.csv --strain 0.3     # columns strain,stress_pa\n"
+                 "A sheet of this material is stretched by CalculiX (program ccx) as the truth; the springs' law is\n"
+                 "assimilated from the motion of its edge. e: strain of a layer, A, L: cross-section, length.",
+                 [o] {
+                     const Result<int> code = calibrate_springs(*o);
+                     return code ? *code : report(code.error());
+                 });
     verb->add_option("--youngs-modulus", o->youngs_modulus_pa, "Neo-Hookean sheets of these moduli at rest [Pa]")
         ->check(CLI::Range(1e3, 1e10));
-    verb->add_option("--curve", o->curves, "Sheets of these nominal stress-strain curves: CSV strain,stress_pa")->type_name("FILE");
+    verb->add_option("--curve", o->curves, "Sheets of these nominal stress-strain curves: CSV strain,stress_pa")
+        ->type_name("FILE");
     verb->add_option("--size", o->size_mm, "Width, length (pulled) and thickness [mm]")
         ->expected(3)
         ->check(CLI::Range(0.05, 1000.0))
         ->capture_default_str();
-    verb->add_option("--strain", o->sheet.strain, "Largest strain of the load")->check(CLI::Range(0.01, 1.0))->capture_default_str();
-    verb->add_option("--poissons-ratio", o->poissons_ratio, "Of the sheet")->check(CLI::Range(0.0, 0.499))->capture_default_str();
-    verb->add_option("--nodes", o->sheet.columns, "Edge nodes that carry springs")->check(CLI::Range(2, 24))->capture_default_str();
+    verb->add_option("--strain", o->sheet.strain, "Largest strain of the load")
+        ->check(CLI::Range(0.01, 1.0))
+        ->capture_default_str();
+    verb->add_option("--poissons-ratio", o->poissons_ratio, "Of the sheet")
+        ->check(CLI::Range(0.0, 0.499))
+        ->capture_default_str();
+    verb->add_option("--nodes", o->sheet.columns, "Edge nodes that carry springs")
+        ->check(CLI::Range(2, 24))
+        ->capture_default_str();
     verb->add_option("--cells", o->sheet.cells_per_column, "Elements of the sheet between two of them")
         ->check(CLI::Range(1, 20))
         ->capture_default_str();

@@ -21,9 +21,7 @@ cv::Scalar bgr(Color c) {
 cv::Point fixed(cv::Point2d p) {
     const double s = Canvas::kScale * (1 << kShift);
     // far-off points would overflow OpenCV's fixed point numbers
-    const auto clamped = [&](double v) {
-        return static_cast<int>(std::lround(std::clamp(v, -2e4, 4e4) * s));
-    };
+    const auto clamped = [&](double v) { return static_cast<int>(std::lround(std::clamp(v, -2e4, 4e4) * s)); };
     return {clamped(p.x), clamped(p.y)};
 }
 
@@ -53,13 +51,8 @@ int font_thickness(double height_px) {
 }  // namespace
 
 Color palette(std::size_t index) {
-    static constexpr std::array<Color, 7> kColors{{{0, 114, 178},
-                                                   {213, 94, 0},
-                                                   {0, 158, 115},
-                                                   {204, 121, 167},
-                                                   {230, 159, 0},
-                                                   {86, 180, 233},
-                                                   {90, 90, 90}}};
+    static constexpr std::array<Color, 7> kColors{
+        {{0, 114, 178}, {213, 94, 0}, {0, 158, 115}, {204, 121, 167}, {230, 159, 0}, {86, 180, 233}, {90, 90, 90}}};
     return kColors[index % kColors.size()];
 }
 
@@ -75,9 +68,7 @@ Color sequential(double value) {
 }
 
 Canvas::Canvas(int width_px, int height_px)
-    : width_(width_px),
-      height_(height_px),
-      pixels_(height_px * kScale, width_px * kScale, CV_8UC3, bgr(kPaper)) {}
+    : width_(width_px), height_(height_px), pixels_(height_px * kScale, width_px * kScale, CV_8UC3, bgr(kPaper)) {}
 
 void Canvas::line(cv::Point2d a, cv::Point2d b, Color color, double thickness_px) {
     cv::line(pixels_, fixed(a), fixed(b), bgr(color), thick(thickness_px), cv::LINE_AA, kShift);
@@ -97,8 +88,7 @@ void Canvas::polyline(std::span<const cv::Point2d> points, Color color, double t
             const double phase = std::fmod(along + s, 2.0 * kDash_px);
             const bool on = phase < kDash_px;
             const double to = std::min(length, s + (on ? kDash_px : 2.0 * kDash_px) - phase + 1e-6);
-            if (on)
-                line(points[i] + step * (s / length), points[i] + step * (to / length), color, thickness_px);
+            if (on) line(points[i] + step * (s / length), points[i] + step * (to / length), color, thickness_px);
             s = to;
         }
         along += length;
@@ -133,15 +123,14 @@ void Canvas::frame(cv::Rect2d box, Color color, double thickness_px) {
 }
 
 void Canvas::dot(cv::Point2d center, double radius_px, Color color) {
-    cv::circle(pixels_, fixed(center), static_cast<int>(radius_px * kScale * (1 << kShift)), bgr(color),
-               cv::FILLED, cv::LINE_AA, kShift);
+    cv::circle(pixels_, fixed(center), static_cast<int>(radius_px * kScale * (1 << kShift)), bgr(color), cv::FILLED,
+               cv::LINE_AA, kShift);
 }
 
 double Canvas::text_width(const std::string& text, double height_px) {
     int baseline = 0;
-    return static_cast<double>(cv::getTextSize(ascii(text), kFont, font_scale(height_px),
-                                               font_thickness(height_px), &baseline)
-                                   .width) /
+    return static_cast<double>(
+               cv::getTextSize(ascii(text), kFont, font_scale(height_px), font_thickness(height_px), &baseline).width) /
            kScale;
 }
 
@@ -150,8 +139,8 @@ void Canvas::text(cv::Point2d at, const std::string& text, double height_px, Ali
     const double left = at.x - (align == Align::kLeft ? 0.0 : align == Align::kCenter ? width / 2.0 : width);
     const cv::Point origin(static_cast<int>(std::lround(left * kScale)),
                            static_cast<int>(std::lround((at.y + height_px / 2.0) * kScale)));
-    cv::putText(pixels_, ascii(text), origin, kFont, font_scale(height_px), bgr(color),
-                font_thickness(height_px), cv::LINE_AA);
+    cv::putText(pixels_, ascii(text), origin, kFont, font_scale(height_px), bgr(color), font_thickness(height_px),
+                cv::LINE_AA);
 }
 
 void Canvas::vertical_text(cv::Point2d at, const std::string& text, double height_px, Color color) {
@@ -160,8 +149,8 @@ void Canvas::vertical_text(cv::Point2d at, const std::string& text, double heigh
     const int h = 3 * margin;
     // ink as a mask, so that the turned text keeps what is below it
     cv::Mat mask(h, w, CV_8UC1, cv::Scalar(0));
-    cv::putText(mask, ascii(text), {margin, h / 2 + margin / 2}, kFont, font_scale(height_px),
-                cv::Scalar(255), font_thickness(height_px), cv::LINE_AA);
+    cv::putText(mask, ascii(text), {margin, h / 2 + margin / 2}, kFont, font_scale(height_px), cv::Scalar(255),
+                font_thickness(height_px), cv::LINE_AA);
     cv::rotate(mask, mask, cv::ROTATE_90_COUNTERCLOCKWISE);
     const cv::Rect place(static_cast<int>(at.x * kScale) - mask.cols / 2,
                          static_cast<int>(at.y * kScale) - mask.rows / 2, mask.cols, mask.rows);
@@ -175,14 +164,13 @@ void Canvas::vertical_text(cv::Point2d at, const std::string& text, double heigh
             cv::Vec3b& pixel = target.at<cv::Vec3b>(y, x);
             const std::array<double, 3> ink_bgr{color.b, color.g, color.r};
             for (int k = 0; k < 3; ++k)
-                pixel[k] = static_cast<uchar>(
-                    std::lround(a * ink_bgr[static_cast<std::size_t>(k)] + (1.0 - a) * pixel[k]));
+                pixel[k] =
+                    static_cast<uchar>(std::lround(a * ink_bgr[static_cast<std::size_t>(k)] + (1.0 - a) * pixel[k]));
         }
 }
 
 void Canvas::paste(const cv::Mat& image, cv::Point2d at) {
-    const cv::Rect place(static_cast<int>(at.x * kScale), static_cast<int>(at.y * kScale), image.cols,
-                         image.rows);
+    const cv::Rect place(static_cast<int>(at.x * kScale), static_cast<int>(at.y * kScale), image.cols, image.rows);
     const cv::Rect inside = place & cv::Rect(0, 0, pixels_.cols, pixels_.rows);
     if (!inside.empty()) image(inside - place.tl()).copyTo(pixels_(inside));
 }
@@ -222,8 +210,7 @@ std::vector<double> log_ticks(double low, double high) {
     std::vector<double> ticks;
     if (!(low > 0.0) || !(high > low)) return ticks;
     const bool fine = high / low < 1e3;
-    for (double exponent = std::floor(std::log10(low)); exponent <= std::ceil(std::log10(high));
-         exponent += 1.0)
+    for (double exponent = std::floor(std::log10(low)); exponent <= std::ceil(std::log10(high)); exponent += 1.0)
         for (const double factor : {1.0, 2.0, 5.0}) {
             const double tick = factor * std::pow(10.0, exponent);
             if ((factor == 1.0 || fine) && tick >= low * (1.0 - 1e-9) && tick <= high * (1.0 + 1e-9))

@@ -22,8 +22,7 @@ class Canvas {
     int width() const { return width_; }
     int height() const { return height_; }
     void line(cv::Point2d a, cv::Point2d b, Color color, double thickness_px = 1.5);
-    void polyline(std::span<const cv::Point2d> points, Color color, double thickness_px = 2.0,
-                  bool dashed = false);
+    void polyline(std::span<const cv::Point2d> points, Color color, double thickness_px = 2.0, bool dashed = false);
     /// Filled polygon, mixed with what is below by `opacity` (0..1).
     void polygon(std::span<const cv::Point2d> points, Color color, double opacity = 1.0);
     void rectangle(cv::Rect2d box, Color color, double opacity = 1.0);

@@ -13,10 +13,14 @@ namespace {
 
 // A log of a whole session holds MARKERS; made anew from its frames by observation, they must not come twice.
 Status skip_recorded_markers(Config& config) {
-    const auto uses = [](const std::vector<std::string>& units, const char* id) { return std::ranges::find(units, id) != units.end(); };
+    const auto uses = [](const std::vector<std::string>& units, const char* id) {
+        return std::ranges::find(units, id) != units.end();
+    };
     if (!uses(config.service().plugins, "observation") || !uses(config.service().drivers, "replay")) return {};
     if (config.given("replay", "skip_channels")) return {};
-    return config.set("replay.skip_channels=BOUNDARY_ESTIMATE|LIVER_STATE|INNOVATION|GAP|HEALTH|TRACKING|REGISTRATION|SURFACE_POINTS|MARKERS");
+    return config.set(
+        "replay.skip_channels=BOUNDARY_ESTIMATE|LIVER_STATE|INNOVATION|GAP|HEALTH|TRACKING|REGISTRATION|SURFACE_POINTS|"
+        "MARKERS");
 }
 
 }  // namespace
@@ -60,8 +64,7 @@ Result<Config> read_settings(const SettingsOptions& options) {
         if (file.empty() && fs::is_regular_file(candidate, failure)) file = candidate;
         searched += (searched.empty() ? "" : ", ") + candidate.string();
     }
-    if (file.empty())
-        return invalid_input("no settings file: --config not given and none of " + searched + " exists");
+    if (file.empty()) return invalid_input("no settings file: --config not given and none of " + searched + " exists");
     TERES_TRY_ASSIGN(Config config, Config::read(file));
     for (const std::string& assignment : options.overrides) TERES_TRY(config.set(assignment));
     TERES_TRY(skip_recorded_markers(config));

@@ -63,26 +63,30 @@ Result<int> send_cut(const CutOptions& options) {
 
 void add_cut_command(CLI::App& app, int& exit_code) {
     auto options = std::make_shared<CutOptions>();
-    CLI::App* verb = add_verb(
-        app, exit_code, "cut", "Tell the running service that tissue was parted or a ligament let go",
-        "  teres cut --release ligament.r3.stiffness\n"
-        "  teres cut --case patient --ball 0.02 0.06 0.01 0.008       # metres: centre, radius\n"
-        "  teres cut --tets 120,121,340 --release ligament.r0.stiffness,ligament.r1.stiffness\n"
-        "The service goes on; its log says what was taken away (also pieces that nothing holds any more) or why the cut\n"
-        "was refused.",
-        [options] {
-            const auto result = send_cut(*options);
-            return result ? *result : report(result.error());
-        });
+    CLI::App* verb =
+        add_verb(app, exit_code, "cut", "Tell the running service that tissue was parted or a ligament let go",
+                 "  teres cut --release ligament.r3.stiffness\n"
+                 "  teres cut --case patient --ball 0.02 0.06 0.01 0.008       # metres: centre, radius\n"
+                 "  teres cut --tets 120,121,340 --release ligament.r0.stiffness,ligament.r1.stiffness\n"
+                 "The service goes on; its log says what was taken away (also pieces that nothing holds any more) or "
+                 "why the cut\n"
+                 "was refused.",
+                 [options] {
+                     const auto result = send_cut(*options);
+                     return result ? *result : report(result.error());
+                 });
     verb->add_option("--url", options->url, "LCM URL of the bus")->envname("LCM_DEFAULT_URL")->capture_default_str();
-    verb->add_option("--release", options->release, "parameters (names of BOUNDARY_ESTIMATE) that act on nothing any more")
+    verb->add_option("--release", options->release,
+                     "parameters (names of BOUNDARY_ESTIMATE) that act on nothing any more")
         ->delimiter(',');
     verb->add_option("--tets", options->tets, "tetrahedra of mesh.vtk that are taken away")->delimiter(',');
-    auto* folder = verb->add_option("--case", options->case_folder, "case folder whose mesh --ball means")->type_name("CASE");
+    auto* folder =
+        verb->add_option("--case", options->case_folder, "case folder whose mesh --ball means")->type_name("CASE");
     verb->add_option("--ball", options->ball, "take away tetrahedra whose centre is inside: X Y Z RADIUS [m]")
         ->expected(4)
         ->needs(folder);
-    verb->add_flag("--stamp", options->now, "only from frames that are captured from now on (default: with the next frame)");
+    verb->add_flag("--stamp", options->now,
+                   "only from frames that are captured from now on (default: with the next frame)");
 }
 
 }  // namespace teres::tools

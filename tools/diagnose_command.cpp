@@ -1,4 +1,5 @@
-// teres diagnose CASE...: where simulation and recording part, which missing effect is to blame, how far the gap closes.
+// teres diagnose CASE...: where simulation and recording part, which missing effect is to blame, how far the gap
+// closes.
 #include <algorithm>
 #include <cstdio>
 #include <memory>
@@ -46,8 +47,10 @@ void print_gap(const Json& j) {
                           {"unknown (no effect of the catalogue)", j["unknown_probability"].get<double>(), ""}};
     for (const auto& cause : j["causes"])
         if (cause["probability"].get<double>() >= 0.005)
-            rows.push_back({joined(cause["effects"]), cause["probability"].get<double>(), joined(cause["confusable_with"], ", ")});
-    std::stable_sort(rows.begin(), rows.end(), [](const Row& a, const Row& b) { return a.probability > b.probability; });
+            rows.push_back(
+                {joined(cause["effects"]), cause["probability"].get<double>(), joined(cause["confusable_with"], ", ")});
+    std::stable_sort(rows.begin(), rows.end(),
+                     [](const Row& a, const Row& b) { return a.probability > b.probability; });
     for (const Row& row : rows)
         std::printf("  %-44s %9.1f %%   %s\n", row.name.c_str(), 100.0 * row.probability, row.rivals.c_str());
     if (!s["effects"].empty()) {
@@ -57,7 +60,8 @@ void print_gap(const Json& j) {
                         p["stdev"].is_null() ? 0.0 : p["stdev"].get<double>(), p["unit"].get<std::string>().c_str());
         std::printf("  held out (%s): %.2f mm -> %.2f mm, %.0f %% of the gap gone\n",
                     s["heldout"].get<std::string>().c_str(), s["before_rms_mm"].get<double>(),
-                    s["after_rms_mm"].get<double>(), 100.0 * (s["fraction"].is_null() ? 0.0 : s["fraction"].get<double>()));
+                    s["after_rms_mm"].get<double>(),
+                    100.0 * (s["fraction"].is_null() ? 0.0 : s["fraction"].get<double>()));
     }
     for (const auto& t : j["transfers"])
         std::printf("  fitted on %s, predicting %s: %.2f mm -> %.2f mm\n", t["fitted"].get<std::string>().c_str(),
@@ -94,9 +98,11 @@ void print_plan(const Json& j) {
         std::printf("  %s looks like %s: %s\n", pair["effect"].get<std::string>().c_str(),
                     pair["stand_in"].get<std::string>().c_str(), pair["separated_by"].get<std::string>().c_str());
     for (const auto& s : j["suggestions"])
-        std::printf("  to see %s: %s\n", s["effect"].get<std::string>().c_str(), s["made_visible_by"].get<std::string>().c_str());
+        std::printf("  to see %s: %s\n", s["effect"].get<std::string>().c_str(),
+                    s["made_visible_by"].get<std::string>().c_str());
     for (const auto& a : id["not_in_question"])
-        std::printf("  not in question: %s (%s)\n", a["effect"].get<std::string>().c_str(), a["why"].get<std::string>().c_str());
+        std::printf("  not in question: %s (%s)\n", a["effect"].get<std::string>().c_str(),
+                    a["why"].get<std::string>().c_str());
 }
 
 // Where the prior has the ligament, for the picture.
@@ -141,7 +147,8 @@ Result<int> diagnose(const DiagnoseOptions& options) {
         print_gap(json);
         if (!options.report_folder.empty()) {
             TERES_TRY_ASSIGN(const Case c, read_case(options.cases.front()));
-            TERES_TRY(write_gap_report(with_attachment(result->report_json, c), c.mesh, c.sensor, options.report_folder));
+            TERES_TRY(
+                write_gap_report(with_attachment(result->report_json, c), c.mesh, c.sensor, options.report_folder));
             std::printf("  report: %s/index.html\n", options.report_folder.c_str());
         }
         if (!options.predict_file.empty()) {

@@ -44,8 +44,8 @@ std::uint64_t body_hash(const Case& c) {
     for (const auto& tet : c.mesh.tets)
         for (const std::int32_t n : tet) hash.add(n);
     const BodyData& b = c.body;
-    for (const double v : {static_cast<double>(b.law), b.youngs_modulus_pa, b.poissons_ratio, b.shear_modulus_pa, b.alpha,
-                           b.bulk_modulus_pa, b.density_kg_m3, b.rayleigh_mass_1_s, b.rayleigh_stiffness_s})
+    for (const double v : {static_cast<double>(b.law), b.youngs_modulus_pa, b.poissons_ratio, b.shear_modulus_pa,
+                           b.alpha, b.bulk_modulus_pa, b.density_kg_m3, b.rayleigh_mass_1_s, b.rayleigh_stiffness_s})
         hash.add(v);
     for (const std::int32_t n : c.clamped) hash.add(n);
     for (const auto& p : c.ligament_prior) {
@@ -100,12 +100,15 @@ double size_m(const Case& c) {
 // What a diagnosis needs of a case beyond being well formed.
 Status check(const Case& c, const std::string& folder) {
     const bool gravity = norm(c.gravity_m_s2) > 0.0;
-    const bool loaded = std::any_of(c.loads.begin(), c.loads.end(), [](const auto& l) { return norm(l.force_n) > 0.0; });
+    const bool loaded =
+        std::any_of(c.loads.begin(), c.loads.end(), [](const auto& l) { return norm(l.force_n) > 0.0; });
     if (!loaded && !gravity && c.tool_samples.empty())
-        return invalid_input(folder + ": nothing moves the body: every force of loads.csv is zero, there is no gravity and no "
-                                      "tool; without a known load there is nothing to compare with");
+        return invalid_input(folder +
+                             ": nothing moves the body: every force of loads.csv is zero, there is no gravity and no "
+                             "tool; without a known load there is nothing to compare with");
     if (!(c.sensor.noise_sigma_m > 0.0))
-        return invalid_input(folder + ": case.json: sensor.noise_sigma_m is not given; a diagnosis weighs the gap against it");
+        return invalid_input(folder +
+                             ": case.json: sensor.noise_sigma_m is not given; a diagnosis weighs the gap against it");
     const double size = size_m(c);
     if (c.sensor.noise_sigma_m > 0.1 * size)
         return invalid_input(folder + ": case.json: sensor.noise_sigma_m is " + std::to_string(c.sensor.noise_sigma_m) +
@@ -114,8 +117,8 @@ Status check(const Case& c, const std::string& folder) {
         const double far = norm(o.position_m);
         if (std::isfinite(far) && far > 100.0 * (size + norm(c.mesh.nodes.front())))
             return invalid_input(folder + ": observations.csv: marker " + std::to_string(o.id) + " at " +
-                                 std::to_string(o.t_s) + " s is " + std::to_string(far) + " m from the origin, the body is " +
-                                 std::to_string(size) + " m large; millimetres?");
+                                 std::to_string(o.t_s) + " s is " + std::to_string(far) +
+                                 " m from the origin, the body is " + std::to_string(size) + " m large; millimetres?");
     }
     return {};
 }
@@ -140,7 +143,8 @@ Result<Hosted> host(const std::string& folder, Config config, bool first, const 
     TERES_TRY(check(h.data, folder));
     for (const std::string& assignment :
          {std::string("service.bus_url=memq://"), "service.case=" + folder, std::string("service.drivers="),
-          std::string(first ? "service.plugins=simulation,sensor_model,diagnosis" : "service.plugins=simulation,sensor_model"),
+          std::string(first ? "service.plugins=simulation,sensor_model,diagnosis"
+                            : "service.plugins=simulation,sensor_model"),
           std::string("service.health_period_s=0"), std::string("simulation.trajectories=true"),
           "simulation.trajectory_frames=" + std::to_string(frames_wanted)})
         TERES_TRY(config.set(assignment, "teres diagnose"));
@@ -183,10 +187,12 @@ Result<DiagnosisRun> diagnose_cases(const std::vector<std::string>& case_folders
     for (const std::string& folder : case_folders) {
         TERES_TRY_ASSIGN(const Case c, read_case(folder));
         const bool long_motion = !c.quasi_static && frame_times(c).size() > kBeginning;
-        TERES_TRY_ASSIGN(Hosted one, host(folder, config, hosted.empty(), options.settings_text, long_motion ? kBeginning : 0));
+        TERES_TRY_ASSIGN(Hosted one,
+                         host(folder, config, hosted.empty(), options.settings_text, long_motion ? kBeginning : 0));
         if (!hosted.empty() && body_hash(one.data) != body_hash(hosted.front().data))
-            return invalid_input(folder + ": not the body of " + case_folders.front() +
-                                 " (mesh, material or supports differ); recordings of one diagnosis must show one body");
+            return invalid_input(
+                folder + ": not the body of " + case_folders.front() +
+                " (mesh, material or supports differ); recordings of one diagnosis must show one body");
         hosted.push_back(std::move(one));
         whole.emplace_back();
         if (long_motion && !options.plan_only) {
@@ -199,12 +205,16 @@ Result<DiagnosisRun> diagnose_cases(const std::vector<std::string>& case_folders
     std::vector<GapRecording> recordings;
     for (std::size_t k = 0; k < hosted.size(); ++k) {
         const Hosted& h = hosted[k];
-        recordings.push_back({h.data.name.c_str(), h.mechanics, h.sensors, h.observed_m, h.data.sensor.noise_sigma_m, h.hash,
-                              whole[k].mechanics, whole[k].sensors, whole[k].observed_m});
+        recordings.push_back({h.data.name.c_str(), h.mechanics, h.sensors, h.observed_m, h.data.sensor.noise_sigma_m,
+                              h.hash, whole[k].mechanics, whole[k].sensors, whole[k].observed_m});
     }
     std::vector<const char*> excluded;
     for (const std::string& id : options.excluded) excluded.push_back(id.c_str());
-    GapRequest request{recordings, excluded, options.cache_folder.c_str(), options.plan_only, options.max_effects,
+    GapRequest request{recordings,
+                       excluded,
+                       options.cache_folder.c_str(),
+                       options.plan_only,
+                       options.max_effects,
                        [](void* user, const char* stage, double part) {
                            const auto& o = *static_cast<const DiagnosisRunOptions*>(user);
                            if (o.progress) o.progress(stage, part);

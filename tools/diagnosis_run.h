@@ -1,4 +1,5 @@
-// The gap diagnosis offline: one session of units per recording, the unit `diagnosis` of the first one over all of them.
+// The gap diagnosis offline: one session of units per recording, the unit `diagnosis` of the first one over all of
+// them.
 #pragma once
 
 #include <cstdint>
@@ -14,8 +15,8 @@ namespace teres::tools {
 
 struct DiagnosisRunOptions {
     std::vector<std::string> excluded;
-    std::string cache_folder;  ///< of discrepancy ensembles; empty: none is kept
-    std::string settings_text; ///< what was set, as text: part of the cache's key
+    std::string cache_folder;   ///< of discrepancy ensembles; empty: none is kept
+    std::string settings_text;  ///< what was set, as text: part of the cache's key
     bool plan_only = false;
     int max_effects = 3;
     std::function<void(const std::string& stage, double part)> progress{};
@@ -23,9 +24,9 @@ struct DiagnosisRunOptions {
 
 struct DiagnosisRun {
     std::string gap_json, report_json;
-    std::vector<double> time_s;            ///< of the frames of the first recording
+    std::vector<double> time_s;  ///< of the frames of the first recording
     std::vector<std::int32_t> point_id;
-    std::vector<double> points_m;          ///< 3 per point and frame, with the named effects
+    std::vector<double> points_m;  ///< 3 per point and frame, with the named effects
 };
 
 /// $XDG_CACHE_HOME/teres, else ~/.cache/teres; empty if there is neither.

@@ -36,8 +36,8 @@ int run(const Options& options) {
         checks.push_back({"config", CheckState::kOk, "read", ""});
         for (Check& check : check_settings(*config)) checks.push_back(std::move(check));
     } else {
-        checks.push_back({"config", CheckState::kFail, config.error().text,
-                          "`teres settings` prints a file to start from"});
+        checks.push_back(
+            {"config", CheckState::kFail, config.error().text, "`teres settings` prints a file to start from"});
         config = Config{};
     }
     for (auto* look : {&check_network, &check_devices})
@@ -54,8 +54,7 @@ int run(const Options& options) {
     }
     std::printf("%zu checks: %d failed, %d warnings\n", checks.size(), failures, warnings);
     if (!options.json_file.empty())
-        if (const int code = write_json(options.json_file, checks, failures, warnings); code != kDone)
-            return code;
+        if (const int code = write_json(options.json_file, checks, failures, warnings); code != kDone) return code;
     return failures > 0 ? kHostFaultExit : kDone;
 }
 
@@ -63,15 +62,13 @@ int run(const Options& options) {
 
 void add_doctor_command(CLI::App& app, int& exit_code) {
     auto options = std::make_shared<Options>();
-    CLI::App* verb =
-        add_verb(app, exit_code, "doctor", "Check host, settings, bus and devices, with remedies",
-                 "  teres doctor\n"
-                 "  teres doctor --config /etc/teres/teres.toml --json doctor.json\n"
-                 "  teres doctor --set 'service.bus_url=udpm://239.255.76.67:7667?ttl=0'",
-                 [options] { return run(*options); });
+    CLI::App* verb = add_verb(app, exit_code, "doctor", "Check host, settings, bus and devices, with remedies",
+                              "  teres doctor\n"
+                              "  teres doctor --config /etc/teres/teres.toml --json doctor.json\n"
+                              "  teres doctor --set 'service.bus_url=udpm://239.255.76.67:7667?ttl=0'",
+                              [options] { return run(*options); });
     add_settings_options(*verb, options->settings);
-    verb->add_option("--json", options->json_file, "Write the checks to this file as well")
-        ->type_name("FILE");
+    verb->add_option("--json", options->json_file, "Write the checks to this file as well")->type_name("FILE");
 }
 
 }  // namespace teres::tools

@@ -14,8 +14,7 @@ std::string number(double value) {
     return text.str();
 }
 
-Result<ChosenEffect> find(const std::string& id, const EffectCatalogue& mechanics,
-                          const EffectCatalogue& sensor) {
+Result<ChosenEffect> find(const std::string& id, const EffectCatalogue& mechanics, const EffectCatalogue& sensor) {
     std::string known;
     for (const bool is_sensor : {false, true}) {
         const EffectCatalogue& catalogue = is_sensor ? sensor : mechanics;
@@ -23,8 +22,7 @@ Result<ChosenEffect> find(const std::string& id, const EffectCatalogue& mechanic
             const EffectInfo info = catalogue.effect(e);
             if (id == info.id) {
                 if (info.not_applicable != nullptr)
-                    return invalid_input("--effect " + id +
-                                         ": this case cannot show it: " + info.not_applicable);
+                    return invalid_input("--effect " + id + ": this case cannot show it: " + info.not_applicable);
                 return ChosenEffect{static_cast<std::int32_t>(e), is_sensor, {}};
             }
             known += std::string(known.empty() ? "" : ", ") + info.id;
@@ -61,10 +59,9 @@ Result<ChosenEffect> parse_effect(const std::string& text, const EffectCatalogue
         while (p < parameters.size() && name != parameters[p].name) ++p;
         if (p == parameters.size() || equals == std::string::npos) {
             std::string known;
-            for (const auto& parameter : parameters)
-                known += std::string(known.empty() ? "" : ", ") + parameter.name;
-            return invalid_input("--effect " + text + ": \"" + assignment +
-                                 "\" is not NAME=VALUE with a name of " + known);
+            for (const auto& parameter : parameters) known += std::string(known.empty() ? "" : ", ") + parameter.name;
+            return invalid_input("--effect " + text + ": \"" + assignment + "\" is not NAME=VALUE with a name of " +
+                                 known);
         }
         const std::string digits = assignment.substr(equals + 1);
         char* end = nullptr;

@@ -39,8 +39,8 @@ void print(const EffectCatalogue& catalogue) {
             const EffectParameter p = catalogue.effect_parameter(e, static_cast<std::size_t>(i));
             std::printf("%-18s %-10s %-26s %c %-13s %-7s %-23s %.4g .. %.4g\n", i == 0 ? info.id : "",
                         i == 0 ? info.kind : "", i == 0 ? info.family : "",
-                        p.role == EffectRole::kAmplitude ? '*' : ' ', p.name, p.unit, prior_range(p).c_str(),
-                        p.lower, p.upper);
+                        p.role == EffectRole::kAmplitude ? '*' : ' ', p.name, p.unit, prior_range(p).c_str(), p.lower,
+                        p.upper);
         }
         std::printf("    %s%s. Source: %s\n", info.summary, info.event ? " (event)" : "", info.source);
         if (info.not_applicable != nullptr)
@@ -61,12 +61,10 @@ nlohmann::json as_json(const EffectCatalogue& catalogue) {
                              {"source", info.source},
                              {"event", info.event},
                              {"candidates", info.num_candidates}};
-        entry["not_applicable"] =
-            info.not_applicable != nullptr ? nlohmann::json(info.not_applicable) : nullptr;
+        entry["not_applicable"] = info.not_applicable != nullptr ? nlohmann::json(info.not_applicable) : nullptr;
         for (std::int32_t i = 0; i < info.num_parameters; ++i) {
             const EffectParameter p = catalogue.effect_parameter(e, static_cast<std::size_t>(i));
-            const bool amplitude = p.role == EffectRole::kAmplitude,
-                       log = p.transform == EffectTransform::kLog;
+            const bool amplitude = p.role == EffectRole::kAmplitude, log = p.transform == EffectTransform::kLog;
             entry["parameters"].push_back({{"name", p.name},
                                            {"unit", p.unit},
                                            {"role", amplitude ? "amplitude" : "shape"},
@@ -107,9 +105,8 @@ Result<int> show(const EffectsOptions& options) {
         out << all.dump(1) << "\n";
         if (!out.flush()) return host_fault(options.json_file + ": cannot be written");
     }
-    std::printf(
-        "%zu effects that the nominal model leaves out; ranges for %s\n* vanishes at its null value\n\n%s",
-        mechanics->num_effects() + sensor->num_effects(), folder.c_str(), kHead);
+    std::printf("%zu effects that the nominal model leaves out; ranges for %s\n* vanishes at its null value\n\n%s",
+                mechanics->num_effects() + sensor->num_effects(), folder.c_str(), kHead);
     print(*mechanics);
     print(*sensor);
     return kDone;
@@ -119,15 +116,14 @@ Result<int> show(const EffectsOptions& options) {
 
 void add_effects_command(CLI::App& app, int& exit_code) {
     auto options = std::make_shared<EffectsOptions>();
-    CLI::App* verb =
-        add_verb(app, exit_code, "effects", "Catalogue of what a nominal model may leave out",
-                 "  teres effects\n"
-                 "  teres effects CASE --json effects.json\n"
-                 "Ranges, places and times are those of the case (without one: of the demo case).",
-                 [options] {
-                     const Result<int> code = show(*options);
-                     return code ? *code : report(code.error());
-                 });
+    CLI::App* verb = add_verb(app, exit_code, "effects", "Catalogue of what a nominal model may leave out",
+                              "  teres effects\n"
+                              "  teres effects CASE --json effects.json\n"
+                              "Ranges, places and times are those of the case (without one: of the demo case).",
+                              [options] {
+                                  const Result<int> code = show(*options);
+                                  return code ? *code : report(code.error());
+                              });
     verb->add_option("case", options->case_folder, "Case folder")->type_name("CASE");
     verb->add_option("--json", options->json_file, "Write the catalogue as JSON")->type_name("FILE");
     add_settings_options(*verb, options->settings);

@@ -22,8 +22,7 @@ namespace teres::tools {
 namespace {
 
 struct EstimateOptions {
-    std::string case_folder, json_file, predict_file, boundary = "estimated", plot_file, picture_file,
-                                                      vtk_folder;
+    std::string case_folder, json_file, predict_file, boundary = "estimated", plot_file, picture_file, vtk_folder;
     int passes = 0;
     SettingsOptions settings;
 };
@@ -50,8 +49,7 @@ nlohmann::ordered_json to_json(const Estimation& e, const std::string& name, boo
                                       {"observability", number(p.observability)}});
     json["attachment"] = nlohmann::ordered_json::array();
     for (std::size_t k = 0; k < e.attachment_node.size(); ++k)
-        json["attachment"].push_back(
-            {{"node_id", e.attachment_node[k]}, {"probability", e.attachment_probability[k]}});
+        json["attachment"].push_back({{"node_id", e.attachment_node[k]}, {"probability", e.attachment_probability[k]}});
     constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
     json["marker_rms_mm"] = {{"prior", number(estimated ? 1e3 * e.prior.marker_rms_m : kNone)},
                              {"fixed", number(e.has_fixed ? 1e3 * e.fixed.marker_rms_m : kNone)},
@@ -73,8 +71,8 @@ nlohmann::ordered_json to_json(const Estimation& e, const std::string& name, boo
 }
 
 void print(const Estimation& e, const Case& c, bool estimated) {
-    std::printf("%s: %zu frames, %zu markers, %zu tetrahedra\n", c.name.c_str(), e.recording.size(),
-                c.markers.size(), c.mesh.tets.size());
+    std::printf("%s: %zu frames, %zu markers, %zu tetrahedra\n", c.name.c_str(), e.recording.size(), c.markers.size(),
+                c.mesh.tets.size());
     if (estimated) {
         std::printf("  %-28s %12s %12s %12s  %s\n", "unknown", "estimate", "stdev", "prior", "observed");
         for (const auto& p : e.parameters)
@@ -82,13 +80,11 @@ void print(const Estimation& e, const Case& c, bool estimated) {
                         p.prior_median, 100.0 * p.observability, p.unit.c_str());
         const auto holds = std::count_if(e.attachment_probability.begin(), e.attachment_probability.end(),
                                          [](double p) { return p >= 0.5; });
-        std::printf("  attached (p >= 0.5): %td of %zu nodes of the prior region\n", holds,
-                    e.attachment_node.size());
+        std::printf("  attached (p >= 0.5): %td of %zu nodes of the prior region\n", holds, e.attachment_node.size());
     }
     std::printf("  markers, observed minus model (rms):");
     if (estimated) std::printf("  prior %.3f mm,", 1e3 * e.prior.marker_rms_m);
-    if (e.has_fixed)
-        std::printf("  atlas region fixed %.3f mm%s", 1e3 * e.fixed.marker_rms_m, estimated ? "," : "");
+    if (e.has_fixed) std::printf("  atlas region fixed %.3f mm%s", 1e3 * e.fixed.marker_rms_m, estimated ? "," : "");
     if (estimated) std::printf("  estimated %.3f mm", 1e3 * e.estimated.marker_rms_m);
     std::printf("\n");
     if (estimated) std::printf("  filter: %.3f s per frame\n", e.seconds_per_frame);
@@ -210,8 +206,7 @@ Result<int> estimate(const EstimateOptions& options) {
                           std::to_string(e.frames.size()) +
                           " frames corrected nothing (no usable marker, or the simulation did not converge)");
     if (degrees > 0.0 && !(nis <= kMaxNisPerDegree * degrees))
-        return not_usable(options.case_folder +
-                          ": the markers contradict the model: NIS / degrees of freedom is " +
+        return not_usable(options.case_folder + ": the markers contradict the model: NIS / degrees of freedom is " +
                           std::to_string(nis / degrees) + " over the recording (1 is consistent, bound " +
                           std::to_string(kMaxNisPerDegree) + ")");
     if (2 * motion.frames_not_converged > e.recording.size())
@@ -224,26 +219,22 @@ Result<int> estimate(const EstimateOptions& options) {
 
 void add_estimate_command(CLI::App& app, int& exit_code) {
     auto options = std::make_shared<EstimateOptions>();
-    CLI::App* verb =
-        add_verb(app, exit_code, "estimate",
-                 "Boundary conditions of a recorded case: where the ligament holds, how stiff",
-                 "  teres estimate config/cases/demo --json estimate.json --predict points.csv\n"
-                 "  teres estimate CASE --plot parameters.png --picture attachment.png --vtk vtk\n"
-                 "  teres estimate CASE --bc atlas-fixed --predict fixed.csv      # for comparison\n"
-                 "  teres estimate CASE --set simulation.num_groups=12 --set estimator.sigma_points=star\n"
-                 "The recording runs through the same units as `teres run`; predictions use what the whole "
-                 "recording says of each\n"
-                 "frame. Exit code 1: the result is not usable (the reason is printed); 2: the case or a "
-                 "setting is malformed.",
-                 [options] {
-                     const Result<int> code = estimate(*options);
-                     return code ? *code : report(code.error());
-                 });
-    verb->add_option("case", options->case_folder, "Case folder (teres-case-1)")
-        ->required()
-        ->type_name("CASE");
-    verb->add_option("--json", options->json_file,
-                     "Write parameters, attachment probabilities and fit as JSON")
+    CLI::App* verb = add_verb(
+        app, exit_code, "estimate", "Boundary conditions of a recorded case: where the ligament holds, how stiff",
+        "  teres estimate config/cases/demo --json estimate.json --predict points.csv\n"
+        "  teres estimate CASE --plot parameters.png --picture attachment.png --vtk vtk\n"
+        "  teres estimate CASE --bc atlas-fixed --predict fixed.csv      # for comparison\n"
+        "  teres estimate CASE --set simulation.num_groups=12 --set estimator.sigma_points=star\n"
+        "The recording runs through the same units as `teres run`; predictions use what the whole "
+        "recording says of each\n"
+        "frame. Exit code 1: the result is not usable (the reason is printed); 2: the case or a "
+        "setting is malformed.",
+        [options] {
+            const Result<int> code = estimate(*options);
+            return code ? *code : report(code.error());
+        });
+    verb->add_option("case", options->case_folder, "Case folder (teres-case-1)")->required()->type_name("CASE");
+    verb->add_option("--json", options->json_file, "Write parameters, attachment probabilities and fit as JSON")
         ->type_name("FILE");
     verb->add_option("--predict", options->predict_file,
                      "Write t_s,point_id,x_m,y_m,z_m of the points of validation_rest.csv")
@@ -258,11 +249,9 @@ void add_estimate_command(CLI::App& app, int& exit_code) {
         ->capture_default_str();
     verb->add_option("--plot", options->plot_file, "Draw the parameters over time with 3-sigma bands (PNG)")
         ->type_name("FILE");
-    verb->add_option("--picture", options->picture_file,
-                     "Draw the liver coloured by attachment probability (PNG)")
+    verb->add_option("--picture", options->picture_file, "Draw the liver coloured by attachment probability (PNG)")
         ->type_name("FILE");
-    verb->add_option("--vtk", options->vtk_folder,
-                     "Write body, displacement and attachment per frame for ParaView")
+    verb->add_option("--vtk", options->vtk_folder, "Write body, displacement and attachment per frame for ParaView")
         ->type_name("DIR");
     add_settings_options(*verb, options->settings);
 }

@@ -31,18 +31,15 @@ struct Collector {
 
     Status listen(Session& session) {
         TERES_TRY(session.subscribe<tool_loads_t>(
-            "TOOL_LOADS", kMaxMessageBytes,
-            [this](const tool_loads_t& m) { loads[m.header.capture_stamp_us] = m; }));
+            "TOOL_LOADS", kMaxMessageBytes, [this](const tool_loads_t& m) { loads[m.header.capture_stamp_us] = m; }));
         TERES_TRY(session.subscribe<markers_t>("MARKERS", kMaxMessageBytes,
                                                [this](const markers_t& m) { markers.push_back(m); }));
         TERES_TRY(session.subscribe<boundary_estimate_t>(
-            "BOUNDARY_ESTIMATE", kMaxMessageBytes,
-            [this](const boundary_estimate_t& m) { estimates.push_back(m); }));
-        TERES_TRY(session.subscribe<innovation_t>(
-            "INNOVATION", kMaxMessageBytes, [this](const innovation_t& m) { innovations.push_back(m); }));
+            "BOUNDARY_ESTIMATE", kMaxMessageBytes, [this](const boundary_estimate_t& m) { estimates.push_back(m); }));
+        TERES_TRY(session.subscribe<innovation_t>("INNOVATION", kMaxMessageBytes,
+                                                  [this](const innovation_t& m) { innovations.push_back(m); }));
         return session.subscribe<liver_state_t>(
-            "LIVER_STATE", kMaxMessageBytes,
-            [this](const liver_state_t& m) { converged.push_back(m.converged != 0); });
+            "LIVER_STATE", kMaxMessageBytes, [this](const liver_state_t& m) { converged.push_back(m.converged != 0); });
     }
 };
 
@@ -108,8 +105,7 @@ std::vector<Motion> simulate_motions(ForwardModel& model, const std::vector<Reco
                 parameters.insert(parameters.end(), of_frame(k).begin(), of_frame(k).end());
             const ForwardReport report =
                 model.advance({frame.t_s, dt, frame.force_n, frame.tool_m}, parameters, x, lanes);
-            for (Motion& motion : motions)
-                motion.frames_not_converged += report.lanes_converged < report.lanes;
+            for (Motion& motion : motions) motion.frames_not_converged += report.lanes_converged < report.lanes;
         }
         model.observe(x, z, lanes);
         for (std::size_t j = 0; j + 2 < outputs; j += 3) {
@@ -126,8 +122,7 @@ std::vector<Motion> simulate_motions(ForwardModel& model, const std::vector<Reco
             model.predict_points(lane, points);
             motions[l].points.push_back(points);
             if (keep_body && l == 0)
-                motions[l].body.emplace_back(lane.begin(),
-                                             lane.begin() + static_cast<std::ptrdiff_t>(3 * mesh_nodes));
+                motions[l].body.emplace_back(lane.begin(), lane.begin() + static_cast<std::ptrdiff_t>(3 * mesh_nodes));
         }
         if (options.progress) options.progress(stage, k + 1, recording.size());
     }
@@ -168,11 +163,9 @@ Status smooth_frames(OfflineEstimate& offline, const ForwardModel& model, const 
 
 Status configure(Config& config, const std::string& case_folder, bool estimate) {
     for (const std::string& assignment :
-         {std::string("service.bus_url=memq://"), "service.case=" + case_folder,
-          std::string("service.drivers=replay"),
+         {std::string("service.bus_url=memq://"), "service.case=" + case_folder, std::string("service.drivers=replay"),
           std::string(estimate ? "service.plugins=simulation,estimator" : "service.plugins=simulation"),
-          std::string("service.health_period_s=0"), std::string("replay.speed=0"),
-          std::string("replay.loop=false")})
+          std::string("service.health_period_s=0"), std::string("replay.speed=0"), std::string("replay.loop=false")})
         TERES_TRY(config.set(assignment, "teres estimate"));
     if (estimate) TERES_TRY(config.set("estimator.keep_recording=true", "teres estimate"));
     return {};
@@ -193,8 +186,7 @@ Result<std::unique_ptr<Session>> play(const Config& config, Collector& heard, st
 
 }  // namespace
 
-Result<Estimation> estimate_case(const std::string& case_folder, Config config,
-                                 const EstimationOptions& options) {
+Result<Estimation> estimate_case(const std::string& case_folder, Config config, const EstimationOptions& options) {
     TERES_TRY_ASSIGN(const Case c, read_case(case_folder));
     Estimation out;
     std::size_t times = 0;
@@ -204,14 +196,12 @@ Result<Estimation> estimate_case(const std::string& case_folder, Config config,
     bool grouped = false;
     for (const auto& spring : c.springs) grouped = grouped || !spring.group.empty();
     if (options.estimate && !grouped && (c.ligament_prior.empty() || !c.ligament))
-        return invalid_input(
-            case_folder +
-            ": nothing to estimate: the case has neither ligament_prior.csv with `ligament` in "
-            "case.json nor grouped springs in springs.csv");
+        return invalid_input(case_folder +
+                             ": nothing to estimate: the case has neither ligament_prior.csv with `ligament` in "
+                             "case.json nor grouped springs in springs.csv");
     if (!options.estimate && !out.has_fixed)
         return invalid_input(
-            case_folder +
-            ": no node of ligament_prior.csv has a probability of 0.5 or more that could be held fixed");
+            case_folder + ": no node of ligament_prior.csv has a probability of 0.5 or more that could be held fixed");
 
     if (options.estimate) {
         Config settings = config;
@@ -219,16 +209,14 @@ Result<Estimation> estimate_case(const std::string& case_folder, Config config,
         Collector heard;
         const auto begin = std::chrono::steady_clock::now();
         TERES_TRY_ASSIGN(const auto session, play(settings, heard, times, options, true));
-        const double seconds =
-            std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+        const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
         auto* model = session->extension<ForwardModel>();
         auto* offline = session->extension<OfflineEstimate>();
         if (model == nullptr || offline == nullptr)
             return host_fault("the plugins offer no teres.forward_model/1 or teres.offline_estimate/1");
         if (heard.estimates.empty() || heard.estimates.size() != heard.markers.size())
-            return not_usable(case_folder + ": " + std::to_string(heard.markers.size()) +
-                              " frames of markers gave " + std::to_string(heard.estimates.size()) +
-                              " estimates");
+            return not_usable(case_folder + ": " + std::to_string(heard.markers.size()) + " frames of markers gave " +
+                              std::to_string(heard.estimates.size()) + " estimates");
         out.seconds_per_frame = seconds / static_cast<double>(heard.estimates.size());
         out.recording = recorded_frames(heard, *model);
         for (std::size_t k = 0; k < heard.estimates.size(); ++k) {
@@ -245,11 +233,11 @@ Result<Estimation> estimate_case(const std::string& case_folder, Config config,
         for (std::size_t k = 0; k < model->num_points(); ++k) out.point_id.push_back(model->point_id(k));
         std::vector<double> prior;
         for (const auto& p : out.parameters) prior.push_back(p.prior_median);
-        auto motions = simulate_motions(
-            *model, out.recording, c.mesh.nodes.size(),
-            {[&](std::size_t k) -> const std::vector<double>& { return out.frames[k].smoothed; },
-             [&](std::size_t) -> const std::vector<double>& { return prior; }},
-            options.keep_body, options, "predicting");
+        auto motions =
+            simulate_motions(*model, out.recording, c.mesh.nodes.size(),
+                             {[&](std::size_t k) -> const std::vector<double>& { return out.frames[k].smoothed; },
+                              [&](std::size_t) -> const std::vector<double>& { return prior; }},
+                             options.keep_body, options, "predicting");
         out.estimated = std::move(motions[0]);
         out.prior = std::move(motions[1]);
     }
@@ -272,10 +260,10 @@ Result<Estimation> estimate_case(const std::string& case_folder, Config config,
         std::vector<double> of_springs;
         for (std::size_t p = 0; p < model->num_parameters(); ++p)
             of_springs.push_back(model->parameter(p).prior_median);
-        out.fixed = std::move(
-            simulate_motions(*model, out.recording, c.mesh.nodes.size(),
-                             {[&](std::size_t) -> const std::vector<double>& { return of_springs; }},
-                             options.keep_body && !options.estimate, options, "atlas region held fixed")[0]);
+        out.fixed =
+            std::move(simulate_motions(*model, out.recording, c.mesh.nodes.size(),
+                                       {[&](std::size_t) -> const std::vector<double>& { return of_springs; }},
+                                       options.keep_body && !options.estimate, options, "atlas region held fixed")[0]);
     }
     return out;
 }

@@ -64,7 +64,6 @@ struct EstimationOptions {
 
 /// `config`: settings of the units; drivers, plugins, bus, case and speed are set here.
 /// Errors: bad case or settings; kNotUsable if there is nothing to estimate or hold.
-Result<Estimation> estimate_case(const std::string& case_folder, Config config,
-                                 const EstimationOptions& options);
+Result<Estimation> estimate_case(const std::string& case_folder, Config config, const EstimationOptions& options);
 
 }  // namespace teres::tools

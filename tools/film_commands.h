@@ -1,4 +1,5 @@
-// The verbs around cameras and films: how a camera sees, what it saw, what was found in it, and how it looks augmented. See tools/commands.h.
+// The verbs around cameras and films: how a camera sees, what it saw, what was found in it, and how it looks augmented.
+// See tools/commands.h.
 #pragma once
 
 #include "tools/commands.h"

@@ -24,7 +24,7 @@ struct FilmScoreOptions {
     double identity_m = 0.010;
 };
 
-using FrameKey = std::int64_t;  // capture stamp [us]
+using FrameKey = std::int64_t;        // capture stamp [us]
 constexpr FrameKey kRounding_us = 2;  // of times in text files
 using Truth = std::map<FrameKey, std::map<std::int32_t, Point>>;
 using Visible = std::map<FrameKey, std::map<std::int32_t, bool>>;
@@ -44,7 +44,8 @@ struct MarkerScore {
     std::map<std::int32_t, std::vector<double>> error_of;
     std::int64_t frames = 0, visible = 0, reported = 0, reported_visible = 0, hidden_reported = 0, identity_errors = 0;
     double at(double share) const { return quantile(error_m, share); }
-    void add(const markers_t& m, const std::map<std::int32_t, Point>& truth, const std::map<std::int32_t, bool>& seen, double identity_m) {
+    void add(const markers_t& m, const std::map<std::int32_t, Point>& truth, const std::map<std::int32_t, bool>& seen,
+             double identity_m) {
         ++frames;
         for (const auto& [id, sees] : seen) visible += sees ? 1 : 0;
         for (std::size_t i = 0; i < m.x_m.size(); ++i) {
@@ -58,7 +59,8 @@ struct MarkerScore {
             const bool sees = seen.at(own->first);
             reported_visible += sees ? 1 : 0;
             hidden_reported += sees ? 0 : 1;
-            const bool other_nearer = std::any_of(truth.begin(), truth.end(), [&](const auto& t) { return distance(x, t.second) < error; });
+            const bool other_nearer =
+                std::any_of(truth.begin(), truth.end(), [&](const auto& t) { return distance(x, t.second) < error; });
             identity_errors += other_nearer || error > identity_m ? 1 : 0;
         }
     }
@@ -66,7 +68,8 @@ struct MarkerScore {
 
 // The case at its own frame times as the camera saw it (found) and as it was (true): estimating both tells what the
 // camera costs. Inner points: the film's truth at these times.
-Status write_cases(const FilmScoreOptions& options, const std::vector<PositionSample>& found, const std::vector<PositionSample>& truth) {
+Status write_cases(const FilmScoreOptions& options, const std::vector<PositionSample>& found,
+                   const std::vector<PositionSample>& truth) {
     TERES_TRY_ASSIGN(Case c, read_case(options.case_folder));
     std::set<FrameKey> frames;
     for (const PositionSample& row : c.observations) frames.insert(key(row.t_s));
@@ -80,7 +83,8 @@ Status write_cases(const FilmScoreOptions& options, const std::vector<PositionSa
         c.observations.clear();
         std::copy_if(rows->begin(), rows->end(), std::back_inserter(c.observations), near_frame);
         if (c.observations.empty())
-            return invalid_input(options.film.string() + " holds no frame at the times of " + options.case_folder.string());
+            return invalid_input(options.film.string() + " holds no frame at the times of " +
+                                 options.case_folder.string());
         TERES_TRY(write_case(c, options.cases_out / name));
         TERES_TRY(write_positions(options.cases_out / name / "validation.csv", "point_id", inner));
     }
@@ -104,30 +108,42 @@ Result<int> film_score(const FilmScoreOptions& options) {
     LogEvent event;
     markers_t m;
     while (reader.next(event)) {
-        if (event.channel != "MARKERS" || m.decode(event.data.data(), 0, static_cast<int>(event.data.size())) < 0) continue;
+        if (event.channel != "MARKERS" || m.decode(event.data.data(), 0, static_cast<int>(event.data.size())) < 0)
+            continue;
         for (std::size_t i = 0; i < m.x_m.size(); ++i)
-            found.push_back({1e-6 * static_cast<double>(m.header.capture_stamp_us), m.marker_id[i], {m.x_m[i], m.y_m[i], m.z_m[i]}});
+            found.push_back({1e-6 * static_cast<double>(m.header.capture_stamp_us),
+                             m.marker_id[i],
+                             {m.x_m[i], m.y_m[i], m.z_m[i]}});
         auto frame = truth.lower_bound(m.header.capture_stamp_us - kRounding_us);
-        if (frame == truth.end() || frame->first > m.header.capture_stamp_us + kRounding_us || !visible.contains(frame->first))
+        if (frame == truth.end() || frame->first > m.header.capture_stamp_us + kRounding_us ||
+            !visible.contains(frame->first))
             ++unknown;
         else
             score.add(m, frame->second, visible[frame->first], options.identity_m);
     }
     if (score.frames == 0)
-        return invalid_input(options.log.string() + ": no MARKERS at the times of " + (options.film / "markers.csv").string());
-    const auto share = [](std::int64_t part, std::int64_t of) { return of > 0 ? 100.0 * static_cast<double>(part) / static_cast<double>(of) : 0.0; };
+        return invalid_input(options.log.string() + ": no MARKERS at the times of " +
+                             (options.film / "markers.csv").string());
+    const auto share = [](std::int64_t part, std::int64_t of) {
+        return of > 0 ? 100.0 * static_cast<double>(part) / static_cast<double>(of) : 0.0;
+    };
     const std::int64_t all = score.frames * static_cast<std::int64_t>(truth.begin()->second.size());
-    std::printf("%lld frames, %.1f %% of the markers hidden\n", static_cast<long long>(score.frames), share(all - score.visible, all));
-    std::printf("  3-D error            median %.3f mm, 95th percentile %.3f mm, largest %.3f mm\n", 1e3 * score.at(0.5),
-                1e3 * score.at(0.95), 1e3 * score.at(1.0));
+    std::printf("%lld frames, %.1f %% of the markers hidden\n", static_cast<long long>(score.frames),
+                share(all - score.visible, all));
+    std::printf("  3-D error            median %.3f mm, 95th percentile %.3f mm, largest %.3f mm\n",
+                1e3 * score.at(0.5), 1e3 * score.at(0.95), 1e3 * score.at(1.0));
     std::printf("  visible and reported %.1f %%\n", share(score.reported_visible, score.visible));
     std::printf("  hidden but reported  %lld\n", static_cast<long long>(score.hidden_reported));
-    std::printf("  identity errors      %lld of %lld\n", static_cast<long long>(score.identity_errors), static_cast<long long>(score.reported));
+    std::printf("  identity errors      %lld of %lld\n", static_cast<long long>(score.identity_errors),
+                static_cast<long long>(score.reported));
     if (unknown > 0) std::printf("  frames without truth %lld\n", static_cast<long long>(unknown));
     if (!options.json.empty()) {
         nlohmann::json markers = nlohmann::json::array();
         for (const auto& [id, error_m] : score.error_of)
-            markers.push_back({{"marker_id", id}, {"reported", error_m.size()}, {"error_median_m", quantile(error_m, 0.5)}, {"error_p95_m", quantile(error_m, 0.95)}});
+            markers.push_back({{"marker_id", id},
+                               {"reported", error_m.size()},
+                               {"error_median_m", quantile(error_m, 0.5)},
+                               {"error_p95_m", quantile(error_m, 0.95)}});
         const nlohmann::json out{{"frames", score.frames},
                                  {"hidden_share", 0.01 * share(all - score.visible, all)},
                                  {"error_median_m", score.at(0.5)},
@@ -157,8 +173,10 @@ void add_film_score_command(CLI::App& app, int& exit_code) {
         "  teres replay film/recording.lcm --case config/cases/demo --speed 0 --set service.plugins=observation \\\n"
         "      --set service.record_to=tracked.lcm\n"
         "  teres film-score film tracked.lcm\n"
-        "  teres film-score film tracked.lcm --case config/cases/demo --write-cases cases      # cases/found, cases/true\n"
-        "Identity error: a reported marker that is nearer to another one's true place, or further than 10 mm from its own.",
+        "  teres film-score film tracked.lcm --case config/cases/demo --write-cases cases      # cases/found, "
+        "cases/true\n"
+        "Identity error: a reported marker that is nearer to another one's true place, or further than 10 mm from its "
+        "own.",
         [options] {
             const Result<int> code = film_score(*options);
             return code ? *code : report(code.error());
@@ -167,7 +185,10 @@ void add_film_score_command(CLI::App& app, int& exit_code) {
     verb->add_option("log", options->log, "LCM log with MARKERS")->required()->type_name("LOG");
     verb->add_option("--json", options->json, "Write the figures")->type_name("FILE");
     CLI::Option* of = verb->add_option("--case", options->case_folder, "Case that was filmed")->type_name("FOLDER");
-    verb->add_option("--write-cases", options->cases_out, "Write the case with the markers found and with the true ones")->type_name("DIR")->needs(of);
+    verb->add_option("--write-cases", options->cases_out,
+                     "Write the case with the markers found and with the true ones")
+        ->type_name("DIR")
+        ->needs(of);
 }
 
 }  // namespace teres::tools

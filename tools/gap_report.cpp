@@ -18,7 +18,9 @@ using Json = nlohmann::json;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-double value(const Json& j) { return j.is_number() ? j.get<double>() : kNaN; }
+double value(const Json& j) {
+    return j.is_number() ? j.get<double>() : kNaN;
+}
 
 std::string format(const char* text, double number) {
     char out[64];
@@ -65,7 +67,8 @@ std::vector<double> surface_gap(const Json& surface) {
         for (std::size_t n = 0; n < gap.size(); ++n) {
             double sum = 0.0;
             for (std::size_t a = 0; a < 3; ++a)
-                sum += std::pow(surface["after"][f][3 * n + a].get<double>() - surface["before"][f][3 * n + a].get<double>(), 2);
+                sum += std::pow(
+                    surface["after"][f][3 * n + a].get<double>() - surface["before"][f][3 * n + a].get<double>(), 2);
             gap[n] = std::max(gap[n], unit * std::sqrt(sum));
         }
     return gap;
@@ -89,8 +92,9 @@ Status write_tables(const Json& j, const Residuals& r, const std::vector<double>
     text = "effects,parameter,unit,mean,stdev\n";
     for (const auto& cause : j["causes"])
         for (const auto& p : cause["parameters"])
-            text += joined(cause["effects"], "+") + "," + p["name"].get<std::string>() + "," + p["unit"].get<std::string>() +
-                    format(",%.6g", value(p["mean"])) + format(",%.3g\n", value(p["stdev"]));
+            text += joined(cause["effects"], "+") + "," + p["name"].get<std::string>() + "," +
+                    p["unit"].get<std::string>() + format(",%.6g", value(p["mean"])) +
+                    format(",%.3g\n", value(p["stdev"]));
     TERES_TRY(write_text_file(folder / "parameters.csv", text));
 
     const Json& id = j["identifiability"];
@@ -188,7 +192,8 @@ std::string script_safe(const std::string& json) {
 std::string verdict_text(const std::string& gap_json) {
     const Json j = Json::parse(gap_json);
     const Json& s = j["shrinkage"];
-    const std::string gap = format("%.1f mm", value(j["gap"]["rms_mm"])), floor = format("%.1f mm", value(j["gap"]["noise_floor_mm"]));
+    const std::string gap = format("%.1f mm", value(j["gap"]["rms_mm"])),
+                      floor = format("%.1f mm", value(j["gap"]["noise_floor_mm"]));
     const double none = value(j["none_probability"]), unknown = value(j["unknown_probability"]);
     if (s["effects"].empty()) {
         if (none >= unknown)
@@ -203,13 +208,14 @@ std::string verdict_text(const std::string& gap_json) {
                        format(" (%.0f %%).", 100.0 * value(top["probability"]));
     if (!top["confusable_with"].empty())
         text += " With these loads and markers it cannot be told from " + joined(top["confusable_with"], ", ") + ".";
-    text += format(" With it added, %.0f %% of the gap is gone", 100.0 * value(s["fraction"])) + " on data that were never fitted (" +
-            format("%.2f mm", value(s["before_rms_mm"])) + " to " + format("%.2f mm", value(s["after_rms_mm"])) + ", " +
-            s["heldout"].get<std::string>() + ").";
+    text += format(" With it added, %.0f %% of the gap is gone", 100.0 * value(s["fraction"])) +
+            " on data that were never fitted (" + format("%.2f mm", value(s["before_rms_mm"])) + " to " +
+            format("%.2f mm", value(s["after_rms_mm"])) + ", " + s["heldout"].get<std::string>() + ").";
     const Json& where = j["where"];
     if (where["center_m"].is_array()) {
         const auto c = where["center_m"].get<std::vector<double>>();
-        text += format(" It lies near x %.0f", 1e3 * c[0]) + format(", y %.0f", 1e3 * c[1]) + format(", z %.0f mm", 1e3 * c[2]) +
+        text += format(" It lies near x %.0f", 1e3 * c[0]) + format(", y %.0f", 1e3 * c[1]) +
+                format(", z %.0f mm", 1e3 * c[2]) +
                 (where["onset_s"].is_number() ? format(", from %.1f s on.", value(where["onset_s"])) : ".");
     } else if (where["onset_s"].is_number()) {
         text += format(" It begins at %.1f s.", value(where["onset_s"]));

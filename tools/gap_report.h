@@ -1,5 +1,5 @@
-// The report of a diagnosis: one index.html that needs nothing but a browser (no network, no other file), beside it every
-// figure's data as CSV and the figures as PNG.
+// The report of a diagnosis: one index.html that needs nothing but a browser (no network, no other file), beside it
+// every figure's data as CSV and the figures as PNG.
 #pragma once
 
 #include <filesystem>

@@ -74,13 +74,11 @@ std::optional<long> read_sysctl(const HostView& host, const std::string& key) {
 Check check_sysctl(const HostView& host, const std::string& key, long bound, bool at_least, long set_to,
                    const std::string& why) {
     const auto value = read_sysctl(host, key);
-    const std::string remedy =
-        "sysctl -w " + key + "=" + std::to_string(set_to) + " (and in /etc/sysctl.d): " + why;
+    const std::string remedy = "sysctl -w " + key + "=" + std::to_string(set_to) + " (and in /etc/sysctl.d): " + why;
     if (!value) return warn(key, "cannot be read", remedy);
     const bool good = at_least ? *value >= bound : *value <= bound;
     if (good) return ok(key, std::to_string(*value));
-    return warn(key, std::to_string(*value) + (at_least ? ", below " : ", above ") + std::to_string(bound),
-                remedy);
+    return warn(key, std::to_string(*value) + (at_least ? ", below " : ", above ") + std::to_string(bound), remedy);
 }
 
 // Interface by which the kernel sends to `address` (network byte order): longest prefix in /proc/net/route,
@@ -94,8 +92,8 @@ std::string interface_to(const HostView& host, std::uint32_t address) {
         std::istringstream row(line);
         std::string interface;
         std::uint32_t destination = 0, gateway = 0, flags = 0, references = 0, uses = 0, metric = 0, mask = 0;
-        row >> interface >> std::hex >> destination >> gateway >> flags >> std::dec >> references >> uses >>
-            metric >> std::hex >> mask;
+        row >> interface >> std::hex >> destination >> gateway >> flags >> std::dec >> references >> uses >> metric >>
+            std::hex >> mask;
         const bool usable = row && (flags & RTF_UP) != 0 && (flags & RTF_REJECT) == 0;
         if (!usable || (address & mask) != destination) continue;
         if (best.empty() || ntohl(mask) > ntohl(best_mask)) {
@@ -113,8 +111,7 @@ Check check_route(const HostView& host, bool needed) {
     const std::string interface = interface_to(host, group.s_addr);
     const std::string found = kGroup + std::string(interface.empty() ? ": none" : " by " + interface);
     if (interface == "lo") return ok(name, found);
-    if (!interface.empty())
-        return warn(name, found + ": only ttl=0 keeps packets on this machine", kLoopbackRemedy);
+    if (!interface.empty()) return warn(name, found + ": only ttl=0 keeps packets on this machine", kLoopbackRemedy);
     return needed ? fail(name, found, kLoopbackRemedy)
                   : warn(name, found + "; memq:// does not need it", kLoopbackRemedy);
 }
@@ -213,22 +210,19 @@ std::vector<Check> check_settings(const Config& config) {
                 warn(name, file->string() + " can be written by everybody", "chmod o-w " + file->string()));
         } else {
             checks.push_back(ok(name, plugin->version + ", API " + std::to_string(plugin->api_major) + "." +
-                                          std::to_string(plugin->api_minor) +
-                                          (in_use ? "" : ", not in use")));
+                                          std::to_string(plugin->api_minor) + (in_use ? "" : ", not in use")));
         }
     }
     if (const Status sound = Session::check(config); sound)
         checks.push_back(ok("settings", "every section and key is known and within its range"));
     else
-        checks.push_back(
-            fail("settings", sound.error().text, "correct it; `teres settings` lists what there is"));
+        checks.push_back(fail("settings", sound.error().text, "correct it; `teres settings` lists what there is"));
 
     if (!settings.case_folder.empty()) {
         const auto read = read_case(settings.case_folder);
         if (read)
-            checks.push_back(ok("case", settings.case_folder.string() + ": " +
-                                            std::to_string(read->mesh.tets.size()) + " tetrahedra, " +
-                                            std::to_string(read->markers.size()) + " markers, " +
+            checks.push_back(ok("case", settings.case_folder.string() + ": " + std::to_string(read->mesh.tets.size()) +
+                                            " tetrahedra, " + std::to_string(read->markers.size()) + " markers, " +
                                             std::to_string(read->num_frames) + " frames"));
         else
             checks.push_back(fail("case", read.error().text, "correct the case folder or service.case"));
@@ -241,17 +235,16 @@ std::vector<Check> check_network(const Config& config, const HostView& host) {
     const bool udpm = config.service().bus_url.starts_with("udpm://");
     std::vector<Check> checks;
     checks.push_back(check_route(host, udpm));
-    checks.push_back(check_sysctl(host, "net.core.rmem_max", kMinRmemMax, true, kRmemMax,
-                                  "image messages are lost otherwise"));
+    checks.push_back(
+        check_sysctl(host, "net.core.rmem_max", kMinRmemMax, true, kRmemMax, "image messages are lost otherwise"));
     checks.push_back(check_sysctl(host, "net.core.rmem_default", kMinRmemDefault, true, kMinRmemDefault,
                                   "for LCM tools that set no buffer of their own"));
     checks.push_back(check_receive_buffer());
     checks.push_back(check_sysctl(host, "net.ipv4.ipfrag_time", kMaxIpfragTime, false, 2,
                                   "one lost frame in a thousand otherwise blocks reassembly for 30 s"));
-    checks.push_back(check_sysctl(host, "net.ipv4.ipfrag_high_thresh", kMinIpfragThreshold, true,
-                                  kMinIpfragThreshold, "room for image messages in reassembly"));
-    if (udpm || config.service().bus_url.starts_with("memq://"))
-        checks.push_back(check_bus(config.service().bus_url));
+    checks.push_back(check_sysctl(host, "net.ipv4.ipfrag_high_thresh", kMinIpfragThreshold, true, kMinIpfragThreshold,
+                                  "room for image messages in reassembly"));
+    if (udpm || config.service().bus_url.starts_with("memq://")) checks.push_back(check_bus(config.service().bus_url));
     return checks;
 }
 
@@ -284,7 +277,8 @@ Check check_node(const VideoNode& node, bool needed) {
                                                    : "is the camera still connected?";
         return {name, needed ? CheckState::kFail : CheckState::kWarn, std::strerror(errno), remedy};
     }
-    if (ioctl(device.get(), VIDIOC_QUERYCAP, &capability) != 0) return warn(name, "is not a video device", "look at dmesg");
+    if (ioctl(device.get(), VIDIOC_QUERYCAP, &capability) != 0)
+        return warn(name, "is not a video device", "look at dmesg");
     const auto* card = reinterpret_cast<const char*>(capability.card);
     std::string found(card, strnlen(card, sizeof(capability.card)));
     if (!node.id.empty()) found += ", " + node.id + (node.serial.empty() ? "" : " serial " + node.serial);
@@ -304,13 +298,15 @@ Check check_camera(const std::string& stream, const std::string& device, const s
         if (node.id.starts_with("8086:"))
             return warn(name, device + " is not the serial number of any USB device",
                         "if it is the one printed on a RealSense the service finds it; see serial above else");
-    return fail(name, device + " is not connected", "plug it in; camera." + stream + "_device takes a serial number from above");
+    return fail(name, device + " is not connected",
+                "plug it in; camera." + stream + "_device takes a serial number from above");
 }
 
 Check check_footswitch(const std::string& id, const HostView& host) {
     const std::string name = "footswitch";
     std::error_code failure;
-    for (fs::directory_iterator at(host.sys / "bus/usb/devices", failure), end; !failure && at != end; at.increment(failure)) {
+    for (fs::directory_iterator at(host.sys / "bus/usb/devices", failure), end; !failure && at != end;
+         at.increment(failure)) {
         const auto attribute = [&](const char* key) {
             std::ifstream stream(at->path() / key);
             std::string text;
@@ -324,7 +320,8 @@ Check check_footswitch(const std::string& id, const HostView& host) {
         const fs::path file = host.dev / node;
         if (access(file.c_str(), R_OK | W_OK) == 0) return ok(name, id + " at " + file.string());
         return fail(name, file.string() + ": " + std::strerror(errno),
-                    "install config/appliance/60-teres.rules in /usr/lib/udev/rules.d; SupplementaryGroups=plugdev in the unit");
+                    "install config/appliance/60-teres.rules in /usr/lib/udev/rules.d; SupplementaryGroups=plugdev in "
+                    "the unit");
     }
     return fail(name, id + " is not connected", "plug it in; pedal.device names vendor:product");
 }
@@ -375,11 +372,12 @@ std::vector<Check> check_appliance(const HostView& host) {
         else
             checks.push_back(ok(unit, "starts on boot, is running"));
     }
-    for (const auto& [file, what] :
-         {std::pair{"usr/lib/sysctl.d/60-teres.conf", "kernel settings after a boot"},
-          {"usr/lib/udev/rules.d/60-teres.rules", "access to USB devices"},
-          {"usr/lib/systemd/journald.conf.d/60-teres.conf", "size of the log"}})
-        checks.push_back(there(file) ? ok(what, file) : warn(what, std::string(file) + " is missing", "install the package teres again"));
+    for (const auto& [file, what] : {std::pair{"usr/lib/sysctl.d/60-teres.conf", "kernel settings after a boot"},
+                                     {"usr/lib/udev/rules.d/60-teres.rules", "access to USB devices"},
+                                     {"usr/lib/systemd/journald.conf.d/60-teres.conf", "size of the log"}})
+        checks.push_back(there(file)
+                             ? ok(what, file)
+                             : warn(what, std::string(file) + " is missing", "install the package teres again"));
     return checks;
 }
 
@@ -390,25 +388,23 @@ std::vector<Check> check_process(const Config& config) {
     const bool unlimited = limit.rlim_cur == RLIM_INFINITY || geteuid() == 0;
     const std::string found = unlimited ? "no limit" : std::to_string(limit.rlim_cur / 1024) + " KiB";
     if (unlimited || !config.service().lock_memory)
-        checks.push_back(ok("locked memory",
-                            found + (config.service().lock_memory ? "" : " (service.lock_memory is false)")));
+        checks.push_back(
+            ok("locked memory", found + (config.service().lock_memory ? "" : " (service.lock_memory is false)")));
     else
-        checks.push_back(fail("locked memory", found,
-                              "LimitMEMLOCK=infinity in the unit, or service.lock_memory = false"));
+        checks.push_back(
+            fail("locked memory", found, "LimitMEMLOCK=infinity in the unit, or service.lock_memory = false"));
 
     const char* notify = std::getenv("NOTIFY_SOCKET");
     const char* watchdog = std::getenv("WATCHDOG_USEC");
     if (notify == nullptr) {
         checks.push_back(ok("service manager", "not started by one"));
     } else if (watchdog == nullptr) {
-        checks.push_back(
-            warn("service manager", "notified, but without a watchdog", "WatchdogSec=2 in the unit"));
+        checks.push_back(warn("service manager", "notified, but without a watchdog", "WatchdogSec=2 in the unit"));
     } else {
         char* end = nullptr;
         const long long usec = std::strtoll(watchdog, &end, 10);
         if (*watchdog == '\0' || *end != '\0' || usec <= 0)
-            checks.push_back(fail("service manager",
-                                  std::string("WATCHDOG_USEC = '") + watchdog + "' is no time",
+            checks.push_back(fail("service manager", std::string("WATCHDOG_USEC = '") + watchdog + "' is no time",
                                   "WatchdogSec=2 in the unit"));
         else if (!config.service().watchdog)
             checks.push_back(fail("service manager",

@@ -33,7 +33,7 @@ std::vector<Check> check_settings(const Config& config);  ///< plugins, sections
 std::vector<Check> check_network(const Config& config, const HostView& host);
 std::vector<Check> check_devices(const Config& config, const HostView& host);
 std::vector<Check> check_appliance(const HostView& host);  ///< units, kernel settings and rules of the package
-std::vector<Check> check_process(const Config& config);  ///< locked memory, service manager
+std::vector<Check> check_process(const Config& config);    ///< locked memory, service manager
 
 const char* state_word(CheckState state);
 

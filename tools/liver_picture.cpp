@@ -74,26 +74,18 @@ class Raster {
     };
 
     void triangle(const Vertex& a, const Vertex& b, const Vertex& c) {
-        const double area =
-            (b.at[0] - a.at[0]) * (c.at[1] - a.at[1]) - (b.at[1] - a.at[1]) * (c.at[0] - a.at[0]);
+        const double area = (b.at[0] - a.at[0]) * (c.at[1] - a.at[1]) - (b.at[1] - a.at[1]) * (c.at[0] - a.at[0]);
         if (std::abs(area) < 1e-12) return;
-        const auto low = [](double u, double v, double w) {
-            return static_cast<int>(std::floor(std::min({u, v, w})));
-        };
-        const auto high = [](double u, double v, double w) {
-            return static_cast<int>(std::ceil(std::max({u, v, w})));
-        };
-        const int x0 = std::max(low(a.at[0], b.at[0], c.at[0]), 0),
-                  y0 = std::max(low(a.at[1], b.at[1], c.at[1]), 0);
+        const auto low = [](double u, double v, double w) { return static_cast<int>(std::floor(std::min({u, v, w}))); };
+        const auto high = [](double u, double v, double w) { return static_cast<int>(std::ceil(std::max({u, v, w}))); };
+        const int x0 = std::max(low(a.at[0], b.at[0], c.at[0]), 0), y0 = std::max(low(a.at[1], b.at[1], c.at[1]), 0);
         const int x1 = std::min(high(a.at[0], b.at[0], c.at[0]), image.cols - 1);
         const int y1 = std::min(high(a.at[1], b.at[1], c.at[1]), image.rows - 1);
         for (int y = y0; y <= y1; ++y)
             for (int x = x0; x <= x1; ++x) {
                 const double px = x + 0.5, py = y + 0.5;
-                const double wb =
-                    ((px - a.at[0]) * (c.at[1] - a.at[1]) - (py - a.at[1]) * (c.at[0] - a.at[0])) / area;
-                const double wc =
-                    ((b.at[0] - a.at[0]) * (py - a.at[1]) - (b.at[1] - a.at[1]) * (px - a.at[0])) / area;
+                const double wb = ((px - a.at[0]) * (c.at[1] - a.at[1]) - (py - a.at[1]) * (c.at[0] - a.at[0])) / area;
+                const double wc = ((b.at[0] - a.at[0]) * (py - a.at[1]) - (b.at[1] - a.at[1]) * (px - a.at[0])) / area;
                 const double wa = 1.0 - wb - wc;
                 if (wa < 0.0 || wb < 0.0 || wc < 0.0) continue;
                 const double z = wa * a.at[2] + wb * b.at[2] + wc * c.at[2];
@@ -114,8 +106,7 @@ class Raster {
 
   private:
     std::size_t index(int x, int y) const {
-        return static_cast<std::size_t>(y) * static_cast<std::size_t>(image.cols) +
-               static_cast<std::size_t>(x);
+        return static_cast<std::size_t>(y) * static_cast<std::size_t>(image.cols) + static_cast<std::size_t>(x);
     }
 
     // Lambert with a key light from the upper left in front and a weak fill, plus a small highlight.
@@ -199,8 +190,7 @@ void draw_legend(Canvas& canvas, const LiverPicture& picture, double x, double y
     constexpr int kSteps = 200;
     canvas.text({x, y - 20.0}, picture.value_name, 12.5);
     for (int i = 0; i < kSteps; ++i)
-        canvas.rectangle({x + width * i / kSteps, y, width / kSteps + 0.6, 16.0},
-                         value_color((i + 0.5) / kSteps));
+        canvas.rectangle({x + width * i / kSteps, y, width / kSteps + 0.6, 16.0}, value_color((i + 0.5) / kSteps));
     canvas.frame({x, y, width, 16.0}, kInk, 1.0);
     for (const double tick : {0.0, 0.25, 0.5, 0.75, 1.0}) {
         canvas.line({x + width * tick, y + 16.0}, {x + width * tick, y + 21.0}, kInk, 1.2);
@@ -222,8 +212,7 @@ void draw_legend(Canvas& canvas, const LiverPicture& picture, double x, double y
 
 }  // namespace
 
-std::vector<View> default_views(const TetMeshData& mesh, const SensorData& sensor,
-                                const std::vector<double>& value) {
+std::vector<View> default_views(const TetMeshData& mesh, const SensorData& sensor, const std::vector<double>& value) {
     View first{sensor.view_direction ? "camera" : "from +z", {0.0, 0.0, 1.0}, {0.0, 1.0, 0.0}};
     if (sensor.view_direction) first.from = times(-1.0, *sensor.view_direction);
     if (sensor.up) first.up = *sensor.up;
@@ -242,30 +231,26 @@ std::vector<View> default_views(const TetMeshData& mesh, const SensorData& senso
     return {first, second};
 }
 
-Status save_liver_picture(const LiverPicture& picture, const TetMeshData& mesh,
-                          const std::filesystem::path& file) {
+Status save_liver_picture(const LiverPicture& picture, const TetMeshData& mesh, const std::filesystem::path& file) {
     if (picture.value.size() != mesh.nodes.size())
         return invalid_input("picture '" + picture.title + "': " + std::to_string(picture.value.size()) +
                              " values for " + std::to_string(mesh.nodes.size()) + " nodes");
     std::vector<std::int32_t> outline = picture.outline_nodes;
     std::sort(outline.begin(), outline.end());
     const Surface surface(mesh);
-    if (surface.triangles().empty())
-        return invalid_input("picture '" + picture.title + "': the mesh has no surface");
+    if (surface.triangles().empty()) return invalid_input("picture '" + picture.title + "': the mesh has no surface");
     const std::vector<Point> node_normals = surface.node_normals();
     std::vector<Point> normal(mesh.nodes.size());
     for (std::size_t i = 0; i < node_normals.size(); ++i)
         normal[static_cast<std::size_t>(surface.nodes()[i])] = node_normals[i];
     const auto border_edges = border(surface, outline);
-    const std::vector<View> views =
-        picture.views.empty() ? default_views(mesh, {}, picture.value) : picture.views;
+    const std::vector<View> views = picture.views.empty() ? default_views(mesh, {}, picture.value) : picture.views;
 
     constexpr double kTop = 112.0, kBottom = 120.0;
     const int width = std::max(picture.width_px, 600), height = std::max(picture.height_px, 400);
     Canvas canvas(width, height);
     canvas.text({width / 2.0, 30.0}, picture.title, 18.0, Align::kCenter);
-    const double view_width = width / static_cast<double>(views.size()),
-                 view_height = height - kTop - kBottom;
+    const double view_width = width / static_cast<double>(views.size()), view_height = height - kTop - kBottom;
     const int raster_width = static_cast<int>(view_width * Canvas::kScale),
               raster_height = static_cast<int>(view_height * Canvas::kScale);
 
@@ -286,8 +271,7 @@ Status save_liver_picture(const LiverPicture& picture, const TetMeshData& mesh,
         for (std::size_t k = 0; k < 3; ++k)
             camera.center = plus(camera.center, times(0.5 * (low[k] + high[k]), axes[k]));
         camera.middle = {raster_width / 2.0, raster_height / 2.0};
-        scale = std::min(
-            {scale, 0.90 * raster_width / (high[0] - low[0]), 0.90 * raster_height / (high[1] - low[1])});
+        scale = std::min({scale, 0.90 * raster_width / (high[0] - low[0]), 0.90 * raster_height / (high[1] - low[1])});
         cameras.push_back(camera);
     }
     for (std::size_t v = 0; v < views.size(); ++v) {
@@ -305,17 +289,14 @@ Status save_liver_picture(const LiverPicture& picture, const TetMeshData& mesh,
         const cv::Point2d corner(view_width * static_cast<double>(v), kTop);
         canvas.paste(raster.image, corner);
         const double margin = 1.5e-3 * scale;  // 1.5 mm: lines lie on the surface, give or take its facets
-        for (const auto& [color, thickness] :
-             {std::pair{Color{255, 255, 255}, 6.0}, std::pair{Color{20, 20, 20}, 3.2}})
+        for (const auto& [color, thickness] : {std::pair{Color{255, 255, 255}, 6.0}, std::pair{Color{20, 20, 20}, 3.2}})
             for (const auto& [a, b] : border_edges)
                 surface_line(canvas, raster, corner, camera.project(mesh.nodes[static_cast<std::size_t>(a)]),
-                             camera.project(mesh.nodes[static_cast<std::size_t>(b)]), margin, color,
-                             thickness);
+                             camera.project(mesh.nodes[static_cast<std::size_t>(b)]), margin, color, thickness);
         for (const Point& dot_m : picture.dots) {
             const Point at = camera.project(dot_m);
             if (!raster.visible(at, 4e-3 * scale)) continue;
-            const cv::Point2d center =
-                corner + cv::Point2d(at[0], at[1]) / static_cast<double>(Canvas::kScale);
+            const cv::Point2d center = corner + cv::Point2d(at[0], at[1]) / static_cast<double>(Canvas::kScale);
             canvas.dot(center, 6.0, {20, 20, 20});
             canvas.dot(center, 4.0, {255, 210, 60});
         }

@@ -33,12 +33,10 @@ struct LiverPicture {
 };
 
 /// The camera's view if the case has one (else from +z, up +y), and one that faces the nodes of high value.
-std::vector<View> default_views(const TetMeshData& mesh, const SensorData& sensor,
-                                const std::vector<double>& value);
+std::vector<View> default_views(const TetMeshData& mesh, const SensorData& sensor, const std::vector<double>& value);
 
 /// PNG. Errors: kInvalidInput if a size does not match the mesh or a view has no direction, kHostFault on
 /// writing.
-Status save_liver_picture(const LiverPicture& picture, const TetMeshData& mesh,
-                          const std::filesystem::path& file);
+Status save_liver_picture(const LiverPicture& picture, const TetMeshData& mesh, const std::filesystem::path& file);
 
 }  // namespace teres::tools

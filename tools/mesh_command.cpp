@@ -37,17 +37,16 @@ Result<int> mesh(const MeshOptions& o) {
         const bool open = find_defects(surface).num_border_edges > 0;
         return invalid_input(closed.error().text + (open ? "; --repair EDGES closes small holes" : ""));
     }
-    TERES_TRY_ASSIGN(
-        const TetMeshing made,
-        mesh_surface(surface, o.surface_file, unit_m, o.meshing, [](int round, std::size_t tets) {
-            std::fprintf(stderr, "round %d: %zu tetrahedra\n", round, tets);
-        }));
+    TERES_TRY_ASSIGN(const TetMeshing made,
+                     mesh_surface(surface, o.surface_file, unit_m, o.meshing, [](int round, std::size_t tets) {
+                         std::fprintf(stderr, "round %d: %zu tetrahedra\n", round, tets);
+                     }));
     TERES_TRY(write_vtk_tets(o.output, made.mesh, "tetrahedra of " + o.surface_file + ", metres"));
     const MeshQuality& q = made.quality;
     std::printf("%s: %zu tetrahedra, %zu nodes, mean edge %.2f mm\n", o.output.c_str(), made.mesh.tets.size(),
                 made.mesh.nodes.size(), 1e3 * q.edge_m);
-    std::printf("  3 inradius/circumradius: least %.3f, 5 %% below %.3f, mean %.3f\n", q.min_ratio,
-                q.p5_ratio, q.mean_ratio);
+    std::printf("  3 inradius/circumradius: least %.3f, 5 %% below %.3f, mean %.3f\n", q.min_ratio, q.p5_ratio,
+                q.mean_ratio);
     std::printf("  dihedral angles %.1f to %.1f degrees\n", q.min_dihedral_deg, q.max_dihedral_deg);
     std::printf("  volume %.1f mL (surface %.1f mL), surface kept within %.2f mm\n", 1e6 * q.volume_m3,
                 1e6 * signed_volume(surface), 1e3 * made.surface_distance_m);
@@ -79,8 +78,7 @@ void add_mesh_command(CLI::App& app, int& exit_code) {
     verb->add_option("--tets", o->meshing.num_tets, "Number of tetrahedra, met within 8 %")
         ->check(CLI::Range(50, 2000000))
         ->capture_default_str();
-    verb->add_option("--keep-edges", o->meshing.feature_angle_deg,
-                     "Keep edges sharper than this angle; 180: none")
+    verb->add_option("--keep-edges", o->meshing.feature_angle_deg, "Keep edges sharper than this angle; 180: none")
         ->check(CLI::Range(10.0, 180.0))
         ->capture_default_str();
     verb->add_option("--repair", o->repair, "Close holes of at most this many edges; 0: none")

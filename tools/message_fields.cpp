@@ -230,13 +230,12 @@ struct Type {
 
 template <class Message>
 std::pair<const std::int64_t, Type> known() {
-    return {Message::getHash(),
-            {std::string("teres.") + Message::getTypeName(), [](const void* data, int size) {
-                 Message message;
-                 json values;
-                 if (message.decode(data, 0, size) >= 0) put(values, message);
-                 return values;
-             }}};
+    return {Message::getHash(), {std::string("teres.") + Message::getTypeName(), [](const void* data, int size) {
+                                     Message message;
+                                     json values;
+                                     if (message.decode(data, 0, size) >= 0) put(values, message);
+                                     return values;
+                                 }}};
 }
 
 std::string text_of(const json& value) {
@@ -254,13 +253,21 @@ std::string text_of(const json& value) {
 }  // namespace
 
 MessageFields message_fields(std::span<const std::uint8_t> data) {
-    static const std::map<std::int64_t, Type> types = {known<boundary_estimate_t>(), known<gap_t>(), known<health_t>(),
-                                                       known<innovation_t>(),        known<liver_state_t>(),
-                                                       known<markers_t>(),           known<tool_loads_t>(),
-                                                       known<image_t>(),             known<camera_info_t>(),
-                                                       known<device_health_t>(),     known<pedal_t>(),
-                                                       known<tracking_t>(),          known<cut_t>(),
-                                                       known<registration_t>(),      known<surface_points_t>()};
+    static const std::map<std::int64_t, Type> types = {known<boundary_estimate_t>(),
+                                                       known<gap_t>(),
+                                                       known<health_t>(),
+                                                       known<innovation_t>(),
+                                                       known<liver_state_t>(),
+                                                       known<markers_t>(),
+                                                       known<tool_loads_t>(),
+                                                       known<image_t>(),
+                                                       known<camera_info_t>(),
+                                                       known<device_health_t>(),
+                                                       known<pedal_t>(),
+                                                       known<tracking_t>(),
+                                                       known<cut_t>(),
+                                                       known<registration_t>(),
+                                                       known<surface_points_t>()};
     MessageFields fields;
     if (data.size() < 8) return fields;
     std::uint64_t hash = 0;

@@ -9,8 +9,7 @@
 namespace teres::tools {
 
 struct MessageFields {
-    std::string
-        type;  ///< "teres.markers_t", or "0x..." (the hash) if not one of ours; empty if too short for a hash
+    std::string type;  ///< "teres.markers_t", or "0x..." (the hash) if not one of ours; empty if too short for a hash
     nlohmann::json values;  ///< object; arrays are cut to their first elements, counts stand beside them;
                             ///< null if malformed
 };

@@ -28,7 +28,8 @@ class AlbumWriter {
   public:
     AlbumWriter(fs::path folder, int every, bool video) : folder_(std::move(folder)), every_(every), video_(video) {}
     void add(const image_t& m) {
-        if (!failure_.empty() || m.fourcc != "BGR3" || std::int64_t{m.row_stride_bytes} * m.height_px != m.num_bytes) return;
+        if (!failure_.empty() || m.fourcc != "BGR3" || std::int64_t{m.row_stride_bytes} * m.height_px != m.num_bytes)
+            return;
         const cv::Mat image(m.height_px, m.width_px, CV_8UC3, const_cast<std::uint8_t*>(m.data.data()),
                             static_cast<std::size_t>(m.row_stride_bytes));
         const std::int64_t frame = frames_++;
@@ -57,7 +58,8 @@ class AlbumWriter {
     void open_video(std::int64_t step_us, cv::Size size) {
         last_ = folder_ / "overlay.avi";
         const double rate = step_us > 0 ? std::clamp(1e6 / static_cast<double>(step_us), 1.0, 240.0) : 30.0;
-        if (!film_.open(last_.string(), cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), rate, size)) failure_ = "cannot write " + last_.string();
+        if (!film_.open(last_.string(), cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), rate, size))
+            failure_ = "cannot write " + last_.string();
     }
     fs::path folder_, last_;
     int every_;
@@ -70,9 +72,12 @@ class AlbumWriter {
 
 Result<int> overlay(const OverlayOptions& options) {
     SettingsOptions settings = options.settings;
-    std::vector<std::string> forced = {"service.drivers=replay", "service.bus_url=memq://", "service.record_to=", "replay.loop=false",
-                                       "replay.speed=0", "replay.log=" + fs::absolute(options.log).string(), "overlay.jpeg_quality=0"};
-    forced.push_back(options.recorded ? "service.plugins=overlay" : "service.plugins=observation,simulation,estimator,overlay");
+    std::vector<std::string> forced = {"service.drivers=replay", "service.bus_url=memq://",
+                                       "service.record_to=",     "replay.loop=false",
+                                       "replay.speed=0",         "replay.log=" + fs::absolute(options.log).string(),
+                                       "overlay.jpeg_quality=0"};
+    forced.push_back(options.recorded ? "service.plugins=overlay"
+                                      : "service.plugins=observation,simulation,estimator,overlay");
     if (options.recorded) forced.push_back("replay.skip_channels=OVERLAY|HEALTH");
     if (!options.case_folder.empty()) forced.push_back("service.case=" + fs::absolute(options.case_folder).string());
     settings.overrides.insert(settings.overrides.begin(), forced.begin(), forced.end());
@@ -89,7 +94,8 @@ Result<int> overlay(const OverlayOptions& options) {
     session->stop();
     if (!album.failure().empty()) return host_fault("overlay: " + album.failure());
     if (album.frames() == 0)
-        return not_usable("overlay: no frame drawn; does " + options.log.string() + " hold CAMERA_COLOR and CAMERA_COLOR_INFO?");
+        return not_usable("overlay: no frame drawn; does " + options.log.string() +
+                          " hold CAMERA_COLOR and CAMERA_COLOR_INFO?");
     std::printf("%lld frames drawn, last file %s\n", static_cast<long long>(album.frames()), album.last().c_str());
     return kDone;
 }
@@ -98,20 +104,28 @@ Result<int> overlay(const OverlayOptions& options) {
 
 void add_overlay_command(CLI::App& app, int& exit_code) {
     auto options = std::make_shared<OverlayOptions>();
-    CLI::App* verb = add_verb(app, exit_code, "overlay", "Augmented view of a recorded session, as PNG or video",
-                              "  teres overlay film/recording.lcm --case config/cases/demo -o pictures\n"
-                              "  teres overlay session.lcm --recorded -o pictures --every 1      # results as recorded, nothing computed anew\n"
-                              "  teres overlay film/recording.lcm -o pictures --video --set observation.publish_period_s=0.2",
-                              [options] {
-                                  const Result<int> code = overlay(*options);
-                                  return code ? *code : report(code.error());
-                              });
-    verb->add_option("log", options->log, "LCM log with CAMERA_COLOR")->required()->type_name("LOG")->check(CLI::ExistingFile);
+    CLI::App* verb =
+        add_verb(app, exit_code, "overlay", "Augmented view of a recorded session, as PNG or video",
+                 "  teres overlay film/recording.lcm --case config/cases/demo -o pictures\n"
+                 "  teres overlay session.lcm --recorded -o pictures --every 1      # results as recorded, nothing "
+                 "computed anew\n"
+                 "  teres overlay film/recording.lcm -o pictures --video --set observation.publish_period_s=0.2",
+                 [options] {
+                     const Result<int> code = overlay(*options);
+                     return code ? *code : report(code.error());
+                 });
+    verb->add_option("log", options->log, "LCM log with CAMERA_COLOR")
+        ->required()
+        ->type_name("LOG")
+        ->check(CLI::ExistingFile);
     verb->add_option("-o,--out", options->out, "Folder to write")->required()->type_name("DIR");
     verb->add_option("--case", options->case_folder, "Case folder (sets service.case)")->type_name("FOLDER");
-    verb->add_flag("--recorded", options->recorded, "Draw the log's own results instead of running observation and estimator");
+    verb->add_flag("--recorded", options->recorded,
+                   "Draw the log's own results instead of running observation and estimator");
     verb->add_flag("--video", options->video, "overlay.avi (MJPG) instead of pictures");
-    verb->add_option("--every", options->every, "A picture every so many frames")->capture_default_str()->check(CLI::Range(1, 100000));
+    verb->add_option("--every", options->every, "A picture every so many frames")
+        ->capture_default_str()
+        ->check(CLI::Range(1, 100000));
     add_settings_options(*verb, options->settings);
 }
 

@@ -77,7 +77,8 @@ class Film {
     std::vector<std::uint8_t> bytes_;
 };
 
-image_t image_message(const StreamInfo& info, const std::string& fourcc, int row_stride, std::vector<std::uint8_t> data) {
+image_t image_message(const StreamInfo& info, const std::string& fourcc, int row_stride,
+                      std::vector<std::uint8_t> data) {
     image_t m{};
     m.header.frame_id = info.frame_id;
     m.serial = info.serial;
@@ -103,7 +104,9 @@ image_t color_message(const StreamInfo& info, const cv::Mat& image, bool raw) {
 }
 
 image_t depth_message(const StreamInfo& info, const cv::Mat& counts, bool raw) {
-    if (raw) return image_message(info, "Z16 ", static_cast<int>(counts.step), {counts.data, counts.data + 2 * counts.total()});
+    if (raw)
+        return image_message(info, "Z16 ", static_cast<int>(counts.step),
+                             {counts.data, counts.data + 2 * counts.total()});
     std::vector<std::uint8_t> code;
     encode_depth({counts.ptr<std::uint16_t>(), counts.total()}, code);
     return image_message(info, "RVL ", 0, std::move(code));
@@ -113,9 +116,17 @@ image_t depth_message(const StreamInfo& info, const cv::Mat& counts, bool raw) {
 struct Rig {
     StreamInfo color, depth, left, right;
     explicit Rig(const Case& c, const Pose& color_pose, const phantom::DepthSensorOptions& sensor) {
-        color = {kSerial, "camera_color", c.name, {640, 480, 612.0, 611.0, 322.5, 241.0, {0.02, -0.05, 5e-4, -3e-4, 0.0}},
-                 color_pose, 0.0, 0.0};
-        depth = {kSerial, "camera_depth", "camera_color", {640, 480, 385.0, 385.0, 319.0, 238.5, {}}, {}, sensor.depth_unit_m, 0.0};
+        color = {kSerial,    "camera_color",
+                 c.name,     {640, 480, 612.0, 611.0, 322.5, 241.0, {0.02, -0.05, 5e-4, -3e-4, 0.0}},
+                 color_pose, 0.0,
+                 0.0};
+        depth = {kSerial,
+                 "camera_depth",
+                 "camera_color",
+                 {640, 480, 385.0, 385.0, 319.0, 238.5, {}},
+                 {},
+                 sensor.depth_unit_m,
+                 0.0};
         depth.to_reference.t = {-0.015, 0.0, 0.0};
         left = depth;
         left.frame_id = "camera_left";
@@ -142,7 +153,8 @@ class Truth {
             visible_.line(fmt::format("{:.6f}", t_s), marker.id, sees ? 1 : 0);
             hidden_ += sees ? 0 : 1;
         }
-        for (std::size_t i = 0; i < points_of_.size(); ++i) points_.push_back({t_s, points_of_[i].id, scene.points_now()[i]});
+        for (std::size_t i = 0; i < points_of_.size(); ++i)
+            points_.push_back({t_s, points_of_[i].id, scene.points_now()[i]});
         shifts_.line(t_s, scene.shift_now());
     }
     Status write(const fs::path& folder, bool breathes) const {
@@ -153,7 +165,9 @@ class Truth {
         if (breathes) TERES_TRY(write_text_file(folder / "respiration.csv", shifts_.text()));
         return write_text_file(folder / "visible.csv", visible_.text());
     }
-    double hidden_share() const { return static_cast<double>(hidden_) / static_cast<double>(std::max<std::size_t>(1, markers_.size())); }
+    double hidden_share() const {
+        return static_cast<double>(hidden_) / static_cast<double>(std::max<std::size_t>(1, markers_.size()));
+    }
 
   private:
     std::vector<MarkerRest> points_of_;
@@ -175,9 +189,12 @@ Result<Case> filmed_case(const PhantomOptions& options) {
 Result<std::optional<phantom::Respiration>> respiration_of(const PhantomOptions& options) {
     if (options.respiration.file.empty()) return std::optional<phantom::Respiration>();
     TERES_TRY_ASSIGN(auto breath, phantom::Respiration::read(options.respiration, options.seconds));
-    std::printf("breathing: %s of %s, range %.1f mm over the record; the case does not know: the whole phantom moves, as respiration.csv says\n",
-                breath.column().c_str(), options.respiration.file.c_str(), 1e3 * breath.range_m());
-    if (const auto truth = read_text_file(options.case_folder / "truth.json"); truth && truth->find("moving_attachment") != std::string::npos)
+    std::printf(
+        "breathing: %s of %s, range %.1f mm over the record; the case does not know: the whole phantom moves, as "
+        "respiration.csv says\n",
+        breath.column().c_str(), options.respiration.file.c_str(), 1e3 * breath.range_m());
+    if (const auto truth = read_text_file(options.case_folder / "truth.json");
+        truth && truth->find("moving_attachment") != std::string::npos)
         std::printf("the case itself has attachments that move (truth.json: moving_attachment): both motions add up\n");
     return std::optional(std::move(breath));
 }
@@ -195,7 +212,11 @@ Result<int> film(const PhantomOptions& options) {
     const Rig rig(c, scene.camera(), sensor_options);
     const Pose depth_pose = rig.color.to_reference * rig.depth.to_reference;
     DepthSensor sensor(sensor_options, rig.depth.camera.fx_px, options.seed + 1);
-    Renderer renderer(scene, {.bright_markers = options.markers == "bright", .no_markers = options.markers == "none", .texture = options.texture}, options.seed);
+    Renderer renderer(scene,
+                      {.bright_markers = options.markers == "bright",
+                       .no_markers = options.markers == "none",
+                       .texture = options.texture},
+                      options.seed);
 
     TERES_TRY_ASSIGN(Film film, Film::open(options.out / "recording.lcm"));
     const LoadTracks loads(c);
@@ -212,7 +233,10 @@ Result<int> film(const PhantomOptions& options) {
             next_info_s += kInfoPeriod_s;
             std::vector<std::pair<const char*, const StreamInfo*>> streams{{"CAMERA_COLOR_INFO", &rig.color},
                                                                            {"CAMERA_DEPTH_INFO", &rig.depth}};
-            if (options.stereo) streams = {{"CAMERA_COLOR_INFO", &rig.color}, {"CAMERA_LEFT_INFO", &rig.left}, {"CAMERA_RIGHT_INFO", &rig.right}};
+            if (options.stereo)
+                streams = {{"CAMERA_COLOR_INFO", &rig.color},
+                           {"CAMERA_LEFT_INFO", &rig.left},
+                           {"CAMERA_RIGHT_INFO", &rig.right}};
             for (const auto& [channel, info] : streams) {
                 camera_info_t message = to_message(*info);
                 film.add(channel, message, stamp_us);
@@ -231,7 +255,8 @@ Result<int> film(const PhantomOptions& options) {
                 film.add(info == &rig.left ? "CAMERA_LEFT" : "CAMERA_RIGHT", message, stamp_us);
             }
         } else {
-            image_t message = depth_message(rig.depth, sensor.measure(renderer.range(rig.depth.camera, depth_pose)), options.raw);
+            image_t message =
+                depth_message(rig.depth, sensor.measure(renderer.range(rig.depth.camera, depth_pose)), options.raw);
             film.add("CAMERA_DEPTH", message, stamp_us);
         }
         image_t color = color_message(rig.color, renderer.color(rig.color.camera, scene.camera()), options.raw);
@@ -243,8 +268,8 @@ Result<int> film(const PhantomOptions& options) {
     progress.finish();
     TERES_TRY(truth.write(options.out, scene_options.respiration.has_value()));
     std::printf("%s: %zu frames, %.1f s at %.0f Hz, %zu markers, %.1f %% of them hidden, %.1f MB\n",
-                (options.out / "recording.lcm").c_str(), frames, options.seconds, options.rate_hz, scene.markers().size(),
-                100.0 * truth.hidden_share(), film.megabytes());
+                (options.out / "recording.lcm").c_str(), frames, options.seconds, options.rate_hz,
+                scene.markers().size(), 100.0 * truth.hidden_share(), film.megabytes());
     return kDone;
 }
 
@@ -252,43 +277,59 @@ Result<int> film(const PhantomOptions& options) {
 
 void add_phantom_command(CLI::App& app, int& exit_code) {
     auto options = std::make_shared<PhantomOptions>();
-    CLI::App* verb = add_verb(
-        app, exit_code, "phantom", "Film a liver phantom that moves as an independent solver says",
-        "  teres phantom config/cases/demo -o film                      # colour and depth, 8 s\n"
-        "  teres phantom config/cases/demo -o film --seconds 60 --occlusion 0.3\n"
-        "  teres replay film/recording.lcm --case config/cases/demo --set service.plugins=observation,simulation,estimator\n"
-        "  teres phantom config/cases/demo -o film --seconds 60 --respiration breath.csv --respiration-amplitude-mm 15\n"
-        "  teres phantom config/cases/demo -o film --scale 0.5          # half size; then --case film/case\n"
-        "Writes recording.lcm (CAMERA_COLOR, CAMERA_DEPTH or CAMERA_LEFT and _RIGHT, their _INFO, TOOL_LOADS), and the\n"
-        "truth: markers.csv, visible.csv, validation.csv (inner points). The liver moves with the true points of the case (validation.csv), to the end of\n"
-        "its recording and back; the case needs the camera's pose.\n"
-        "breath.csv: t_s,NAME,.. in s and mm (positions of skin markers), steps up to 1 s, as long as the film at least: it is not\n"
-        "repeated. Liver, cloth and frame are carried together by what it says since its first line; the truth holds it.",
-        [options] {
-            const Result<int> code = film(*options);
-            return code ? *code : report(code.error());
-        });
+    CLI::App* verb =
+        add_verb(app, exit_code, "phantom", "Film a liver phantom that moves as an independent solver says",
+                 "  teres phantom config/cases/demo -o film                      # colour and depth, 8 s\n"
+                 "  teres phantom config/cases/demo -o film --seconds 60 --occlusion 0.3\n"
+                 "  teres replay film/recording.lcm --case config/cases/demo --set "
+                 "service.plugins=observation,simulation,estimator\n"
+                 "  teres phantom config/cases/demo -o film --seconds 60 --respiration breath.csv "
+                 "--respiration-amplitude-mm 15\n"
+                 "  teres phantom config/cases/demo -o film --scale 0.5          # half size; then --case film/case\n"
+                 "Writes recording.lcm (CAMERA_COLOR, CAMERA_DEPTH or CAMERA_LEFT and _RIGHT, their _INFO, "
+                 "TOOL_LOADS), and the\n"
+                 "truth: markers.csv, visible.csv, validation.csv (inner points). The liver moves with the true points "
+                 "of the case (validation.csv), to the end of\n"
+                 "its recording and back; the case needs the camera's pose.\n"
+                 "breath.csv: t_s,NAME,.. in s and mm (positions of skin markers), steps up to 1 s, as long as the "
+                 "film at least: it is not\n"
+                 "repeated. Liver, cloth and frame are carried together by what it says since its first line; the "
+                 "truth holds it.",
+                 [options] {
+                     const Result<int> code = film(*options);
+                     return code ? *code : report(code.error());
+                 });
     verb->add_option("case", options->case_folder, "Case folder with validation.csv")->required()->type_name("CASE");
     verb->add_option("-o,--out", options->out, "Folder to write")->required()->type_name("DIR");
     verb->add_option("--seconds", options->seconds, "Length")->capture_default_str()->check(CLI::Range(0.0, 3600.0));
-    verb->add_option("--rate", options->rate_hz, "Frames per second")->capture_default_str()->check(CLI::Range(0.1, 1000.0));
+    verb->add_option("--rate", options->rate_hz, "Frames per second")
+        ->capture_default_str()
+        ->check(CLI::Range(0.1, 1000.0));
     verb->add_option("--occlusion", options->occlusion, "Share of the liver behind a sweeping retractor")
         ->capture_default_str()
         ->check(CLI::Range(0.0, 0.9));
-    verb->add_option("--scale", options->scale, "Size against the case's; other than 1: writes the scaled case to DIR/case")
+    verb->add_option("--scale", options->scale,
+                     "Size against the case's; other than 1: writes the scaled case to DIR/case")
         ->capture_default_str()
         ->check(CLI::Range(0.1, 2.0));
-    verb->add_option("--respiration", options->respiration.file, "Breathing curve that carries the phantom [s, mm]")->type_name("CSV");
-    verb->add_option("--respiration-column", options->respiration.column, "Column of it; default: the one of the largest range")->type_name("NAME");
-    verb->add_option("--respiration-amplitude-mm", options->respiration.amplitude_mm, "Range of the motion over the whole record; 0: as recorded")
+    verb->add_option("--respiration", options->respiration.file, "Breathing curve that carries the phantom [s, mm]")
+        ->type_name("CSV");
+    verb->add_option("--respiration-column", options->respiration.column,
+                     "Column of it; default: the one of the largest range")
+        ->type_name("NAME");
+    verb->add_option("--respiration-amplitude-mm", options->respiration.amplitude_mm,
+                     "Range of the motion over the whole record; 0: as recorded")
         ->capture_default_str()
         ->check(CLI::Range(0.0, 200.0));
-    verb->add_option("--respiration-direction", options->respiration.direction, "Where growing values move it, case axes (default 0 -1 0: caudal)")
+    verb->add_option("--respiration-direction", options->respiration.direction,
+                     "Where growing values move it, case axes (default 0 -1 0: caudal)")
         ->type_name("X Y Z");
     verb->add_option("--markers", options->markers, "Paint of the markers")
         ->capture_default_str()
         ->check(CLI::IsMember({"dark", "bright", "none"}));
-    verb->add_option("--texture", options->texture, "Contrast of the liver's own texture")->capture_default_str()->check(CLI::Range(0.0, 3.0));
+    verb->add_option("--texture", options->texture, "Contrast of the liver's own texture")
+        ->capture_default_str()
+        ->check(CLI::Range(0.0, 3.0));
     verb->add_flag("--stereo", options->stereo, "A stereo pair instead of depth");
     verb->add_flag("--raw", options->raw, "Uncompressed frames (RGB3, GREY, Z16)");
     verb->add_option("--seed", options->seed, "Of the noise")->capture_default_str();

@@ -29,8 +29,7 @@ struct Axis {
     bool log = false;
     double pixel_low = 0.0, pixel_high = 0.0;
     double map(double v) const {
-        const double lo = log ? std::log10(range.low) : range.low,
-                     hi = log ? std::log10(range.high) : range.high;
+        const double lo = log ? std::log10(range.low) : range.low, hi = log ? std::log10(range.high) : range.high;
         const double at = log ? (v > 0.0 ? std::log10(v) : -1e3) : v;
         return pixel_low + (at - lo) / (hi - lo) * (pixel_high - pixel_low);
     }
@@ -72,8 +71,7 @@ Interval y_range(const Panel& panel) {
         return {mean.low / 1.25, mean.high * 1.25};
     }
     if (mean.empty()) return {0.0, 1.0};
-    const double spread =
-        std::max(mean.high - mean.low, 1e-3 * std::max(std::abs(mean.high), std::abs(mean.low)));
+    const double spread = std::max(mean.high - mean.low, 1e-3 * std::max(std::abs(mean.high), std::abs(mean.low)));
     if (!band.empty()) {  // an early band may be huge beside the curve: show at most three times its spread
         mean.add(std::min(band.high, mean.high + 3.0 * spread));
         mean.add(std::max(band.low, mean.low - 3.0 * spread));
@@ -120,8 +118,7 @@ void draw_entry(Canvas& canvas, const LegendEntry& entry, double x, double y) {
 }
 
 // In one line that ends at `right`; returns false when it is wider than `room`.
-bool draw_legend_above(Canvas& canvas, const std::vector<LegendEntry>& entries, double right, double y,
-                       double room) {
+bool draw_legend_above(Canvas& canvas, const std::vector<LegendEntry>& entries, double right, double y, double room) {
     constexpr double kBetween = 26.0;
     const auto entry_width = [](const LegendEntry& entry) {
         return kSample_px + 8.0 + Canvas::text_width(entry.label, kSmall_px) + kBetween;
@@ -139,8 +136,7 @@ bool draw_legend_above(Canvas& canvas, const std::vector<LegendEntry>& entries, 
 
 double legend_width(const std::vector<LegendEntry>& entries) {
     double width = 0.0;
-    for (const LegendEntry& entry : entries)
-        width = std::max(width, Canvas::text_width(entry.label, kSmall_px));
+    for (const LegendEntry& entry : entries) width = std::max(width, Canvas::text_width(entry.label, kSmall_px));
     return entries.empty() ? 0.0 : width + 60.0;
 }
 
@@ -157,8 +153,7 @@ bool same_legend(const std::vector<Panel>& panels) {
         for (const LegendEntry& entry : legend_of(panel)) out.push_back(entry.label);
         return out;
     };
-    return std::all_of(panels.begin(), panels.end(),
-                       [&](const Panel& p) { return labels(p) == labels(panels[0]); });
+    return std::all_of(panels.begin(), panels.end(), [&](const Panel& p) { return labels(p) == labels(panels[0]); });
 }
 
 void draw_axes(Canvas& canvas, cv::Rect2d box, const Axis& x, const Axis& y) {
@@ -168,8 +163,7 @@ void draw_axes(Canvas& canvas, cv::Rect2d box, const Axis& x, const Axis& y) {
         const double at = x.map(tick);
         canvas.line({at, box.y}, {at, box.y + box.height}, kGrid, 1.0);
         canvas.line({at, box.y + box.height}, {at, box.y + box.height + 5.0}, kInk, 1.2);
-        canvas.text({at, box.y + box.height + 18.0}, tick_text(tick, step_of(x_ticks)), kSmall_px,
-                    Align::kCenter);
+        canvas.text({at, box.y + box.height + 18.0}, tick_text(tick, step_of(x_ticks)), kSmall_px, Align::kCenter);
     }
     for (const double tick : y_ticks) {
         const double at = y.map(tick);
@@ -181,8 +175,7 @@ void draw_axes(Canvas& canvas, cv::Rect2d box, const Axis& x, const Axis& y) {
 }
 
 // Pieces of a curve between gaps, in pixels.
-std::vector<std::vector<cv::Point2d>> pieces(const Curve& curve, const Axis& x, const Axis& y,
-                                             double sigmas) {
+std::vector<std::vector<cv::Point2d>> pieces(const Curve& curve, const Axis& x, const Axis& y, double sigmas) {
     std::vector<std::vector<cv::Point2d>> out(1);
     for (std::size_t i = 0; i < curve.x.size(); ++i) {
         const double value = curve.y[i] + (sigmas == 0.0 ? 0.0 : sigmas * curve.sigma[i]);
@@ -196,9 +189,7 @@ std::vector<std::vector<cv::Point2d>> pieces(const Curve& curve, const Axis& x, 
 }
 
 void draw_curves(Canvas& canvas, const Panel& panel, const cv::Rect2d& box, const Axis& x, const Axis& y) {
-    const auto clamp_y = [&](cv::Point2d p) {
-        return cv::Point2d(p.x, std::clamp(p.y, box.y, box.y + box.height));
-    };
+    const auto clamp_y = [&](cv::Point2d p) { return cv::Point2d(p.x, std::clamp(p.y, box.y, box.y + box.height)); };
     for (std::size_t i = 0; i < panel.curves.size(); ++i) {
         const Curve& curve = panel.curves[i];
         if (curve.sigma.empty()) continue;
@@ -232,13 +223,11 @@ double left_margin(const Panel& panel) {
     const std::vector<double> ticks = y.ticks(6);
     double width = 0.0;
     for (const double tick : ticks)
-        width =
-            std::max(width, Canvas::text_width(tick_text(tick, y.log ? tick : step_of(ticks)), kSmall_px));
+        width = std::max(width, Canvas::text_width(tick_text(tick, y.log ? tick : step_of(ticks)), kSmall_px));
     return width + (panel.y_label.empty() ? 28.0 : 62.0);
 }
 
-void draw_panel(Canvas& canvas, const Panel& panel, cv::Rect2d box, const Interval& x_interval,
-                bool with_legend) {
+void draw_panel(Canvas& canvas, const Panel& panel, cv::Rect2d box, const Interval& x_interval, bool with_legend) {
     const std::vector<LegendEntry> legend = with_legend ? legend_of(panel) : std::vector<LegendEntry>{};
     const double room = box.width - Canvas::text_width(panel.title, kTextHeight_px) - 20.0;
     if (!legend.empty() && !draw_legend_above(canvas, legend, box.x + box.width, box.y - 18.0, room)) {
@@ -253,8 +242,7 @@ void draw_panel(Canvas& canvas, const Panel& panel, cv::Rect2d box, const Interv
     canvas.frame(box, kInk, 1.3);
     canvas.text({box.x, box.y - 18.0}, panel.title, kTextHeight_px);
     if (!panel.y_label.empty())
-        canvas.vertical_text({box.x - left_margin(panel) + 20.0, box.y + box.height / 2.0}, panel.y_label,
-                             kSmall_px);
+        canvas.vertical_text({box.x - left_margin(panel) + 20.0, box.y + box.height / 2.0}, panel.y_label, kSmall_px);
 }
 
 }  // namespace
@@ -263,12 +251,10 @@ Status save_plot(const Plot& plot, const std::filesystem::path& file) {
     if (plot.panels.empty()) return invalid_input("plot '" + plot.title + "' has no panel");
     for (const Panel& panel : plot.panels)
         for (const Curve& curve : panel.curves)
-            if (curve.x.size() != curve.y.size() ||
-                (!curve.sigma.empty() && curve.sigma.size() != curve.y.size()))
+            if (curve.x.size() != curve.y.size() || (!curve.sigma.empty() && curve.sigma.size() != curve.y.size()))
                 return invalid_input("plot '" + plot.title + "', curve '" + curve.label +
-                                     "': " + std::to_string(curve.x.size()) + " x, " +
-                                     std::to_string(curve.y.size()) + " y, " +
-                                     std::to_string(curve.sigma.size()) + " sigma");
+                                     "': " + std::to_string(curve.x.size()) + " x, " + std::to_string(curve.y.size()) +
+                                     " y, " + std::to_string(curve.sigma.size()) + " sigma");
     const int columns = std::clamp(plot.columns, 1, static_cast<int>(plot.panels.size()));
     const int rows = (static_cast<int>(plot.panels.size()) + columns - 1) / columns;
     const double panel_height = plot.panel_height_px > 0 ? plot.panel_height_px
@@ -291,9 +277,8 @@ Status save_plot(const Plot& plot, const std::filesystem::path& file) {
     for (std::size_t i = 0; i < plot.panels.size(); ++i) {
         const int row = static_cast<int>(i) / columns, column = static_cast<int>(i) % columns;
         const bool last_of_column = i + static_cast<std::size_t>(columns) >= plot.panels.size();
-        const cv::Rect2d box(column * column_width + margin + 14.0,
-                             kTop + 44.0 + row * (panel_height + kRowGap), column_width - margin - 30.0,
-                             panel_height);
+        const cv::Rect2d box(column * column_width + margin + 14.0, kTop + 44.0 + row * (panel_height + kRowGap),
+                             column_width - margin - 30.0, panel_height);
         draw_panel(canvas, plot.panels[i], box, x_interval, !shared_legend);
         if (last_of_column)
             canvas.text({box.x + box.width / 2.0, box.y + box.height + 44.0}, plot.x_label, kTextHeight_px,
@@ -303,16 +288,14 @@ Status save_plot(const Plot& plot, const std::filesystem::path& file) {
 }
 
 Status save_bars(const BarPlot& plot, const std::filesystem::path& file) {
-    if (plot.groups.empty() || plot.sets.empty())
-        return invalid_input("bars '" + plot.title + "': nothing to draw");
+    if (plot.groups.empty() || plot.sets.empty()) return invalid_input("bars '" + plot.title + "': nothing to draw");
     Panel range;  // for the range of the axis and its margin
     range.from_zero = true;
     range.y_label = plot.y_label;
     std::vector<LegendEntry> legend;
     for (std::size_t s = 0; s < plot.sets.size(); ++s) {
         const BarSet& set = plot.sets[s];
-        if (set.values.size() != plot.groups.size() ||
-            (!set.sigma.empty() && set.sigma.size() != set.values.size()))
+        if (set.values.size() != plot.groups.size() || (!set.sigma.empty() && set.sigma.size() != set.values.size()))
             return invalid_input("bars '" + plot.title + "', set '" + set.label +
                                  "': " + std::to_string(set.values.size()) + " values for " +
                                  std::to_string(plot.groups.size()) + " groups");
@@ -330,8 +313,7 @@ Status save_bars(const BarPlot& plot, const std::filesystem::path& file) {
     const double margin = left_margin(range) + 14.0;
     const double slot = (width - margin - 30.0) / static_cast<double>(plot.groups.size());
     double longest = 0.0;
-    for (const std::string& group : plot.groups)
-        longest = std::max(longest, Canvas::text_width(group, kSmall_px));
+    for (const std::string& group : plot.groups) longest = std::max(longest, Canvas::text_width(group, kSmall_px));
     const bool turned = longest > 0.95 * slot;
     const double below = turned ? std::min(longest + 30.0, 0.5 * height) : 50.0;
     const cv::Rect2d box(margin, 98.0, width - margin - 30.0, height - 98.0 - below);

@@ -12,8 +12,7 @@ namespace teres::tools {
 
 class PositionTable {
   public:
-    explicit PositionTable(const std::string& id_column = "point_id")
-        : text_("t_s," + id_column + ",x_m,y_m,z_m\n") {}
+    explicit PositionTable(const std::string& id_column = "point_id") : text_("t_s," + id_column + ",x_m,y_m,z_m\n") {}
     /// xyz: 3 per id.
     void add(double t_s, std::span<const std::int32_t> ids, std::span<const double> xyz_m);
     Status write(const std::filesystem::path& file) const;

@@ -8,8 +8,7 @@
 
 namespace teres::tools {
 
-Progress::Progress(std::string what, std::size_t total)
-    : Progress(std::move(what), total, stderr, isatty(2) == 1) {}
+Progress::Progress(std::string what, std::size_t total) : Progress(std::move(what), total, stderr, isatty(2) == 1) {}
 
 Progress::Progress(std::string what, std::size_t total, std::FILE* out, bool terminal)
     : what_(std::move(what)),
@@ -42,8 +41,8 @@ void Progress::update(std::size_t done) {
         const int tenth = static_cast<int>(10 * done_ / total_);
         if (tenth > last_tenth_) {
             last_tenth_ = tenth;
-            std::fprintf(out_, "%s: %zu %% (%zu of %zu), %s\n", what_.c_str(), 100 * done_ / total_, done_,
-                         total_, duration_text(seconds).c_str());
+            std::fprintf(out_, "%s: %zu %% (%zu of %zu), %s\n", what_.c_str(), 100 * done_ / total_, done_, total_,
+                         duration_text(seconds).c_str());
         }
     }
     std::fflush(out_);

@@ -38,7 +38,8 @@ std::string dated(const std::string& pattern) {
     return std::strftime(name, sizeof name, pattern.c_str(), &parts) > 0 ? name : pattern;
 }
 
-// One log for each time between two steps on a pedal whose action is `record`; dated names unless -o holds a date itself.
+// One log for each time between two steps on a pedal whose action is `record`; dated names unless -o holds a date
+// itself.
 int record_by_pedal(const RecordOptions& options, RecorderSettings settings, Bus& bus) {
     std::optional<Recorder> recorder;
     bool toggle = false;
@@ -108,8 +109,7 @@ int record(const RecordOptions& options) {
     const std::int64_t start_us = monotonic_us();
     std::int64_t next_us = start_us + 1'000'000;
     const auto over = [&] {
-        return options.seconds > 0.0 &&
-               static_cast<double>(monotonic_us() - start_us) >= 1e6 * options.seconds;
+        return options.seconds > 0.0 && static_cast<double>(monotonic_us() - start_us) >= 1e6 * options.seconds;
     };
     while (!signals.stop() && !over() && !recorder->counters().stopped) {
         if (bus->dispatch(50) < 0) break;
@@ -130,11 +130,10 @@ int record(const RecordOptions& options) {
                  static_cast<long long>(counters.written_bytes), settings.file.c_str(),
                  static_cast<long long>(counters.dropped), static_cast<long long>(lost));
     if (counters.stopped)
-        return report(
-            {options.max_mb > 0 ? ErrorKind::kNotUsable : ErrorKind::kHostFault, "record: " + reason});
+        return report({options.max_mb > 0 ? ErrorKind::kNotUsable : ErrorKind::kHostFault, "record: " + reason});
     if (counters.written == 0)
-        return report({ErrorKind::kNotUsable,
-                       "record: no message on " + options.url + " (channels '" + options.channels + "')"});
+        return report(
+            {ErrorKind::kNotUsable, "record: no message on " + options.url + " (channels '" + options.channels + "')"});
     return kDone;
 }
 
@@ -142,31 +141,28 @@ int record(const RecordOptions& options) {
 
 void add_record_command(CLI::App& app, int& exit_code) {
     auto options = std::make_shared<RecordOptions>();
-    CLI::App* verb = add_verb(
-        app, exit_code, "record", "Record the bus to an LCM log (as lcm-logger writes it)",
-        "  teres record -o session.lcm\n"
-        "  teres record --channels 'MARKERS|TOOL_LOADS' --seconds 60\n"
-        "  teres record --split-mb 500 --keep 20 -o /var/log/teres/session.lcm   # files .00, .01, ...\n"
-        "  teres record --pedal -o '/var/lib/teres/%Y%m%d-%H%M%S.lcm'             # from step to step on the footswitch\n"
-        "Exit code 1: nothing came, or --max-mb was reached; 3: the disk is full.",
-        [options] { return record(*options); });
-    verb->add_option("--url", options->url, "LCM URL of the bus")
-        ->envname("LCM_DEFAULT_URL")
-        ->capture_default_str();
-    verb->add_option("-o,--output", options->file, "Log file; default teres-<date>-<time>.lcm")
-        ->type_name("FILE");
-    verb->add_option("--channels", options->channels, "Expression over the whole channel name")
-        ->capture_default_str();
+    CLI::App* verb =
+        add_verb(app, exit_code, "record", "Record the bus to an LCM log (as lcm-logger writes it)",
+                 "  teres record -o session.lcm\n"
+                 "  teres record --channels 'MARKERS|TOOL_LOADS' --seconds 60\n"
+                 "  teres record --split-mb 500 --keep 20 -o /var/log/teres/session.lcm   # files .00, .01, ...\n"
+                 "  teres record --pedal -o '/var/lib/teres/%Y%m%d-%H%M%S.lcm'             # from step to step on the "
+                 "footswitch\n"
+                 "Exit code 1: nothing came, or --max-mb was reached; 3: the disk is full.",
+                 [options] { return record(*options); });
+    verb->add_option("--url", options->url, "LCM URL of the bus")->envname("LCM_DEFAULT_URL")->capture_default_str();
+    verb->add_option("-o,--output", options->file, "Log file; default teres-<date>-<time>.lcm")->type_name("FILE");
+    verb->add_option("--channels", options->channels, "Expression over the whole channel name")->capture_default_str();
     verb->add_option("--split-mb", options->split_mb,
                      "Start a new file FILE.00, FILE.01, ... at this size; 0: one file")
         ->check(CLI::Range(0, 1'000'000));
     verb->add_option("--keep", options->keep, "With --split-mb: keep only the newest files; 0: all")
         ->check(CLI::Range(0, 100'000));
-    verb->add_option("--max-mb", options->max_mb, "Stop at this size; 0: no limit")
-        ->check(CLI::Range(0, 100'000'000));
+    verb->add_option("--max-mb", options->max_mb, "Stop at this size; 0: no limit")->check(CLI::Range(0, 100'000'000));
     verb->add_option("--seconds", options->seconds, "End after this time; 0: when stopped")
         ->check(CLI::Range(0.0, 1e7));
-    verb->add_flag("--pedal", options->pedal, "Start and stop with the pedal whose action is `record`; FILE may hold a date");
+    verb->add_flag("--pedal", options->pedal,
+                   "Start and stop with the pedal whose action is `record`; FILE may hold a date");
     verb->add_flag("--force", options->force, "Overwrite an existing log");
 }
 

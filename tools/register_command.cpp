@@ -43,13 +43,16 @@ Result<View> first_view(const std::filesystem::path& file) {
         if (event.channel != "CAMERA_DEPTH" || !color || image.decode(event.data.data(), 0, size) < 0) continue;
         if (auto counts = check.take(image)) return View{*color, *check.info(), std::move(*counts)};
     }
-    return invalid_input(file.string() + ": no sound CAMERA_DEPTH frame with CAMERA_DEPTH_INFO and CAMERA_COLOR_INFO before it");
+    return invalid_input(file.string() +
+                         ": no sound CAMERA_DEPTH frame with CAMERA_DEPTH_INFO and CAMERA_COLOR_INFO before it");
 }
 
 // Pose of the colour camera from landmarks seen in its image.
-Result<Pose> from_landmarks(const std::filesystem::path& file, const View& view, const Pose& depth_to_color, double guess_z_m) {
+Result<Pose> from_landmarks(const std::filesystem::path& file, const View& view, const Pose& depth_to_color,
+                            double guess_z_m) {
     TERES_TRY_ASSIGN(const auto landmarks, read_landmarks(file));
-    const DepthLift lift(view.counts, view.depth.depth_unit_m, view.depth.camera, view.color.camera, depth_to_color.inverse(), {});
+    const DepthLift lift(view.counts, view.depth.depth_unit_m, view.depth.camera, view.color.camera,
+                         depth_to_color.inverse(), {});
     TERES_TRY_ASSIGN(const LandmarkPose found, pose_from_landmarks(landmarks, lift, guess_z_m));
     for (const std::string& name : found.left_out) std::printf("%s: no depth, left out\n", name.c_str());
     return found.camera_to_case;
@@ -77,7 +80,8 @@ Result<int> register_camera(const RegisterOptions& o) {
     const Pose depth_to_color = view.depth.reference_frame == view.color.frame_id
                                     ? view.depth.to_reference
                                     : view.color.to_reference.inverse() * view.depth.to_reference;
-    const auto stated = view.color.reference_frame == c.name ? std::optional(view.color.to_reference) : camera_pose(c.sensor);
+    const auto stated =
+        view.color.reference_frame == c.name ? std::optional(view.color.to_reference) : camera_pose(c.sensor);
     Pose start;  // of the depth camera
     if (!o.landmarks.empty()) {
         const double guess_z_m = stated ? std::max(0.05, stated->inverse().t[2]) : 0.3;
@@ -86,18 +90,21 @@ Result<int> register_camera(const RegisterOptions& o) {
     } else if (stated) {
         start = *stated * depth_to_color;
     } else {
-        return invalid_input("neither " + o.log.string() + " nor the case's sensor says where the camera stands: give --landmarks");
+        return invalid_input("neither " + o.log.string() +
+                             " nor the case's sensor says where the camera stands: give --landmarks");
     }
-    const auto points = depth_points({view.counts.ptr<std::uint16_t>(), view.counts.total()}, view.depth.camera, view.depth.depth_unit_m,
-                                     o.refine.stride_px);
+    const auto points = depth_points({view.counts.ptr<std::uint16_t>(), view.counts.total()}, view.depth.camera,
+                                     view.depth.depth_unit_m, o.refine.stride_px);
     TERES_TRY_ASSIGN(const Registration found, refine_on_surface(c.mesh, points, start, o.refine));
     const Pose color_to_case = found.camera_to_case * depth_to_color.inverse();
     const auto stdev = [&](int i) { return std::sqrt(found.covariance(i, i)); };
     const Point& t = color_to_case.t;
-    std::printf("%zu depth points, %.2f mm rms from the surface, %d iterations\n", found.points, 1e3 * found.rms_m, found.iterations);
+    std::printf("%zu depth points, %.2f mm rms from the surface, %d iterations\n", found.points, 1e3 * found.rms_m,
+                found.iterations);
     std::printf("  colour camera at %.4f %.4f %.4f m (case axes)\n", t[0], t[1], t[2]);
-    std::printf("  standard deviations about the surface's middle: shift %.2f %.2f %.2f mm, turn %.2f %.2f %.2f degrees\n", 1e3 * stdev(3),
-                1e3 * stdev(4), 1e3 * stdev(5), 57.2958 * stdev(0), 57.2958 * stdev(1), 57.2958 * stdev(2));
+    std::printf(
+        "  standard deviations about the surface's middle: shift %.2f %.2f %.2f mm, turn %.2f %.2f %.2f degrees\n",
+        1e3 * stdev(3), 1e3 * stdev(4), 1e3 * stdev(5), 57.2958 * stdev(0), 57.2958 * stdev(1), 57.2958 * stdev(2));
     if (o.out.empty()) return kDone;
     std::FILE* file = std::fopen(o.out.c_str(), "w");
     if (file == nullptr) return host_fault("cannot write " + o.out.string());
@@ -110,19 +117,23 @@ Result<int> register_camera(const RegisterOptions& o) {
 
 void add_register_command(CLI::App& app, int& exit_code) {
     auto o = std::make_shared<RegisterOptions>();
-    CLI::App* verb = add_verb(app, exit_code, "register", "Where the camera stands to the preoperative model, from a depth frame",
-                              "  teres register session.lcm --case CASE --landmarks landmarks.csv -o pose.json\n"
-                              "  teres register session.lcm --case CASE                # refines what the stream or the case states\n"
-                              "landmarks.csv: landmark,x_m,y_m,z_m (on the model at rest),u_px,v_px (in the colour image).\n"
-                              "pose.json: `sensor` goes into case.json; covariance of turn and shift. The liver should be at rest.",
-                              [o] {
-                                  const Result<int> code = register_camera(*o);
-                                  return code ? *code : report(code.error());
-                              });
-    verb->add_option("log", o->log, "LCM log with CAMERA_DEPTH and its and the colour camera's _INFO")->required()->type_name("LOG");
+    CLI::App* verb = add_verb(
+        app, exit_code, "register", "Where the camera stands to the preoperative model, from a depth frame",
+        "  teres register session.lcm --case CASE --landmarks landmarks.csv -o pose.json\n"
+        "  teres register session.lcm --case CASE                # refines what the stream or the case states\n"
+        "landmarks.csv: landmark,x_m,y_m,z_m (on the model at rest),u_px,v_px (in the colour image).\n"
+        "pose.json: `sensor` goes into case.json; covariance of turn and shift. The liver should be at rest.",
+        [o] {
+            const Result<int> code = register_camera(*o);
+            return code ? *code : report(code.error());
+        });
+    verb->add_option("log", o->log, "LCM log with CAMERA_DEPTH and its and the colour camera's _INFO")
+        ->required()
+        ->type_name("LOG");
     verb->add_option("--case", o->case_folder, "Case folder: model at rest")->required()->type_name("FOLDER");
     verb->add_option("--landmarks", o->landmarks, "Where landmarks of the model are seen")->type_name("FILE");
-    verb->add_option("--gate", o->refine.start_gate_m, "Depth points farther from the model at the start are not of the liver [m]")
+    verb->add_option("--gate", o->refine.start_gate_m,
+                     "Depth points farther from the model at the start are not of the liver [m]")
         ->capture_default_str()
         ->check(CLI::Range(1e-3, 0.5));
     verb->add_option("-o,--out", o->out, "Write pose and covariance (JSON)")->type_name("FILE");

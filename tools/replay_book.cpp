@@ -72,8 +72,8 @@ std::vector<ReplayBook::Comparison> ReplayBook::compare() const {
         const auto found = replayed_.find(channel);
         const std::vector<std::uint64_t> none;
         const auto& replayed = found == replayed_.end() ? none : found->second;
-        Comparison c{channel, static_cast<std::int64_t>(recorded.size()),
-                     static_cast<std::int64_t>(replayed.size()), 0};
+        Comparison c{channel, static_cast<std::int64_t>(recorded.size()), static_cast<std::int64_t>(replayed.size()),
+                     0};
         for (std::size_t i = 0; i < std::min(recorded.size(), replayed.size()); ++i)
             c.identical += recorded[i] == replayed[i] ? 1 : 0;
         all.push_back(std::move(c));

@@ -30,13 +30,12 @@ struct ReplayOptions {
 Result<Config> replay_config(const ReplayOptions& options, bool is_case) {
     SettingsOptions settings = options.settings;
     const std::filesystem::path source = std::filesystem::absolute(options.source);
-    std::vector<std::string> forced = {
-        "service.drivers=replay",
-        "service.bus_url=memq://",
-        "service.record_to=",
-        "replay.loop=false",
-        fmt::format("replay.speed={}", options.speed),
-        is_case ? "service.case=" + source.string() : "replay.log=" + source.string()};
+    std::vector<std::string> forced = {"service.drivers=replay",
+                                       "service.bus_url=memq://",
+                                       "service.record_to=",
+                                       "replay.loop=false",
+                                       fmt::format("replay.speed={}", options.speed),
+                                       is_case ? "service.case=" + source.string() : "replay.log=" + source.string()};
     if (is_case) {
         forced.push_back("replay.case=" + source.string());
         forced.push_back("replay.log=");
@@ -59,8 +58,8 @@ void print_summary(const ReplayBook& book, const Session& session, double second
                             static_cast<long long>(unit->times().degraded_steps),
                             static_cast<long long>(unit->times().steps));
     for (const ReplayBook::Comparison& c : book.compare())
-        std::printf("compared with the log: %s %lld recorded, %lld replayed, %lld identical\n",
-                    c.channel.c_str(), static_cast<long long>(c.recorded), static_cast<long long>(c.replayed),
+        std::printf("compared with the log: %s %lld recorded, %lld replayed, %lld identical\n", c.channel.c_str(),
+                    static_cast<long long>(c.recorded), static_cast<long long>(c.replayed),
                     static_cast<long long>(c.identical));
     std::printf("%.3f s of recording in %.3f s\n", book.recorded_s(), seconds);
     std::printf("run hash: %s\n", book.hash().c_str());
@@ -83,10 +82,10 @@ int replay(const ReplayOptions& options) {
 
     auto session = Session::open(*config);
     if (!session) return report(session.error());
-    const Status heard =
-        (*session)->subscribe(".*", kMaxMessageBytes,
-                              [&](std::string_view channel, std::span<const std::uint8_t> data,
-                                  std::int64_t) { book.add(channel, data, monotonic_us()); });
+    const Status heard = (*session)->subscribe(
+        ".*", kMaxMessageBytes, [&](std::string_view channel, std::span<const std::uint8_t> data, std::int64_t) {
+            book.add(channel, data, monotonic_us());
+        });
     if (!heard) return report(heard.error());
     if (const Status started = (*session)->start(); !started) return report(started.error());
 
@@ -110,8 +109,7 @@ int replay(const ReplayOptions& options) {
                     book.latency_ms(0.5, options.speed), book.latency_ms(0.95, options.speed),
                     book.latency_ms(0.99, options.speed), book.latency_ms(1.0, options.speed));
     if (!run) return report(run.error());
-    if (signals.stop())
-        return report({ErrorKind::kNotUsable, "replay: stopped before the end of the recording"});
+    if (signals.stop()) return report({ErrorKind::kNotUsable, "replay: stopped before the end of the recording"});
     return kDone;
 }
 
@@ -135,8 +133,7 @@ void add_replay_command(CLI::App& app, int& exit_code) {
     verb->add_option("source", options->source, "LCM log or case folder")->required()->type_name("LOG|CASE");
     verb->add_option("--case", options->case_folder, "Case folder that a log belongs to (sets service.case)")
         ->type_name("FOLDER");
-    verb->add_option("--speed", options->speed,
-                     "Factor on real time; 0: as fast as possible, bit-reproducible")
+    verb->add_option("--speed", options->speed, "Factor on real time; 0: as fast as possible, bit-reproducible")
         ->capture_default_str()
         ->check(CLI::Range(0.0, 1000.0));
     add_settings_options(*verb, options->settings);

@@ -90,8 +90,7 @@ Result<Republisher> Republisher::open(const std::string& interface, const std::s
     return republisher;
 }
 
-Republisher::Republisher(Republisher&& other) noexcept
-    : fd_(std::exchange(other.fd_, -1)), limits_(other.limits_) {}
+Republisher::Republisher(Republisher&& other) noexcept : fd_(std::exchange(other.fd_, -1)), limits_(other.limits_) {}
 
 Republisher::~Republisher() {
     if (fd_ >= 0) close(fd_);

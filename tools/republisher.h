@@ -2,8 +2,9 @@
 // received from there: the socket has no port that listens and is never read. What a slow or hostile laptop does cannot
 // hold up or reach the service.
 //
-//     small message  "LC02" · sequence u32 · channel\0 · data                             (big-endian, LCM's udpm format)
-//     fragment       "LC03" · sequence u32 · size u32 · offset u32 · number u16 · count u16 · [channel\0] · data
+//     small message  "LC02" · sequence u32 · channel\0 · data                             (big-endian, LCM's udpm
+//     format) fragment       "LC03" · sequence u32 · size u32 · offset u32 · number u16 · count u16 · [channel\0] ·
+//     data
 #pragma once
 
 #include <cstdint>
@@ -18,8 +19,8 @@
 namespace teres::tools {
 
 struct RepublishLimits {
-    double bytes_per_s = 1e6;        ///< over all channels
-    double messages_per_s = 10.0;    ///< per channel
+    double bytes_per_s = 1e6;      ///< over all channels
+    double messages_per_s = 10.0;  ///< per channel
     std::size_t max_message_bytes = 1 << 20;
 };
 

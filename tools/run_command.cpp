@@ -19,12 +19,12 @@ int run(const SettingsOptions& options) {
 
 void add_run_command(CLI::App& app, int& exit_code) {
     auto options = std::make_shared<SettingsOptions>();
-    CLI::App* verb = add_verb(
-        app, exit_code, "run", "Run the service (what systemd starts)",
-        "  teres run\n"
-        "  teres run --config /etc/teres/teres.toml\n"
-        "  teres run --config config/teres.toml --set replay.speed=0 --set service.record_to=run.lcm",
-        [options] { return run(*options); });
+    CLI::App* verb =
+        add_verb(app, exit_code, "run", "Run the service (what systemd starts)",
+                 "  teres run\n"
+                 "  teres run --config /etc/teres/teres.toml\n"
+                 "  teres run --config config/teres.toml --set replay.speed=0 --set service.record_to=run.lcm",
+                 [options] { return run(*options); });
     add_settings_options(*verb, *options);
 }
 

@@ -25,8 +25,7 @@ double quantile(const std::vector<double>& sorted, double share) {
 
 }  // namespace
 
-Result<Score> score_prediction(std::span<const PositionSample> truth,
-                               std::span<const PositionSample> prediction) {
+Result<Score> score_prediction(std::span<const PositionSample> truth, std::span<const PositionSample> prediction) {
     Score score;
     std::set<std::int32_t> ids;
     std::map<double, std::vector<const PositionSample*>> frames;
@@ -44,16 +43,16 @@ Result<Score> score_prediction(std::span<const PositionSample> truth,
     std::map<std::pair<double, std::int32_t>, const PositionSample*> predicted;  // by the truth's time
     for (const PositionSample& sample : prediction) {
         if (ids.count(sample.id) == 0)
-            return invalid_input("point_id " + std::to_string(sample.id) +
-                                 " at t_s = " + to_text(sample.t_s) + " is not a point of the truth");
+            return invalid_input("point_id " + std::to_string(sample.id) + " at t_s = " + to_text(sample.t_s) +
+                                 " is not a point of the truth");
         const auto frame = frames.lower_bound(sample.t_s - tolerance_s);
         if (frame == frames.end() || frame->first > sample.t_s + tolerance_s) {
             ++score.num_ignored;
             continue;
         }
         if (!predicted.emplace(std::pair{frame->first, sample.id}, &sample).second)
-            return invalid_input("point_id " + std::to_string(sample.id) +
-                                 " at t_s = " + to_text(sample.t_s) + " is predicted twice");
+            return invalid_input("point_id " + std::to_string(sample.id) + " at t_s = " + to_text(sample.t_s) +
+                                 " is predicted twice");
     }
 
     std::vector<double> errors;
@@ -64,8 +63,8 @@ Result<Score> score_prediction(std::span<const PositionSample> truth,
             const auto found = predicted.find({t_s, sample->id});
             if (found == predicted.end() || !is_finite(found->second->position_m)) {
                 if (score.num_missing++ < kListed)
-                    score.missing.push_back("point " + std::to_string(sample->id) + " at t_s = " +
-                                            to_text(t_s) + (found == predicted.end() ? "" : " (NaN)"));
+                    score.missing.push_back("point " + std::to_string(sample->id) + " at t_s = " + to_text(t_s) +
+                                            (found == predicted.end() ? "" : " (NaN)"));
                 continue;
             }
             const double error_mm = 1e3 * distance(sample->position_m, found->second->position_m);

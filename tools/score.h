@@ -34,7 +34,6 @@ struct Score {
 /// Frames match when their times differ by less than a quarter of the shortest frame, at most 1 ms. True
 /// positions that are NaN are left out. Errors (kInvalidInput): no truth, a point id that the truth does not
 /// have, a position predicted twice.
-Result<Score> score_prediction(std::span<const PositionSample> truth,
-                               std::span<const PositionSample> prediction);
+Result<Score> score_prediction(std::span<const PositionSample> truth, std::span<const PositionSample> prediction);
 
 }  // namespace teres::tools

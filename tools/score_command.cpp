@@ -23,8 +23,7 @@ void print(const Score& score, const ScoreOptions& options) {
     if (score.num_positions > 0) {
         std::printf("  mean %9.3f mm\n  rms  %9.3f mm\n  median %7.3f mm\n  95 %% %9.3f mm\n", score.mean_mm,
                     score.rms_mm, score.median_mm, score.p95_mm);
-        std::printf("  max  %9.3f mm  (point %d at t = %g s)\n", score.max_mm, score.max_point_id,
-                    score.max_t_s);
+        std::printf("  max  %9.3f mm  (point %d at t = %g s)\n", score.max_mm, score.max_point_id, score.max_t_s);
         const FrameError& worst = score.frames[score.worst_frame];
         std::printf("  worst frame: t = %g s, mean %.3f mm\n", worst.t_s, worst.mean_mm);
         std::printf("  mean over time (t [s]: mean [mm]):");
@@ -60,14 +59,12 @@ nlohmann::ordered_json to_json(const Score& score, const ScoreOptions& options) 
     json["worst_frame"] = {{"t_s", worst.t_s}, {"mean_mm", worst.mean_mm}};
     json["frames"] = nlohmann::ordered_json::array();
     for (const FrameError& frame : score.frames)
-        json["frames"].push_back({{"t_s", frame.t_s},
-                                  {"points", frame.num_points},
-                                  {"mean_mm", frame.mean_mm},
-                                  {"max_mm", frame.max_mm}});
+        json["frames"].push_back(
+            {{"t_s", frame.t_s}, {"points", frame.num_points}, {"mean_mm", frame.mean_mm}, {"max_mm", frame.max_mm}});
     return json;
 }
 
-Curve error_curve(const std::string& label, const Score& score, double FrameError::* value) {
+Curve error_curve(const std::string& label, const Score& score, double FrameError::*value) {
     Curve curve{label, {}, {}};
     for (const FrameError& frame : score.frames) {
         curve.x.push_back(frame.t_s);
@@ -93,8 +90,8 @@ Status save_score_plot(const Score& score, const std::vector<PositionSample>& tr
     std::snprintf(text, sizeof text, "mean of all, %.2f mm", score.mean_mm);
     Panel panel{.y_label = "error [mm]", .from_zero = true};
     const auto name = [](const std::string& file) { return std::filesystem::path(file).stem().string() + ", mean"; };
-    panel.curves.push_back(error_curve(options.compare.empty() ? "mean over the points" : name(options.prediction_file), score,
-                                       &FrameError::mean_mm));
+    panel.curves.push_back(error_curve(options.compare.empty() ? "mean over the points" : name(options.prediction_file),
+                                       score, &FrameError::mean_mm));
     if (options.compare.empty()) panel.curves.push_back(error_curve("largest", score, &FrameError::max_mm));
     for (const auto& file : options.compare) {
         TERES_TRY_ASSIGN(const Score other, score_file(truth, file));
@@ -116,10 +113,8 @@ Result<int> score(const ScoreOptions& options) {
     if (!options.plot_file.empty()) TERES_TRY(save_score_plot(*result, truth, options));
     if (result->num_missing == 0) return kDone;
     std::string text = options.prediction_file + ": " + std::to_string(result->num_missing) + " of " +
-                       std::to_string(result->num_missing + result->num_positions) +
-                       " positions are not predicted: ";
-    for (std::size_t i = 0; i < result->missing.size(); ++i)
-        text += (i == 0 ? "" : ", ") + result->missing[i];
+                       std::to_string(result->num_missing + result->num_positions) + " positions are not predicted: ";
+    for (std::size_t i = 0; i < result->missing.size(); ++i) text += (i == 0 ? "" : ", ") + result->missing[i];
     if (result->missing.size() < result->num_missing) text += ", ...";
     return not_usable(text);
 }
@@ -138,15 +133,12 @@ void add_score_command(CLI::App& app, int& exit_code) {
                      const Result<int> code = score(*options);
                      return code ? *code : report(code.error());
                  });
-    verb->add_option("case", options->case_folder, "Case folder with validation.csv")
-        ->required()
-        ->type_name("CASE");
-    verb->add_option("prediction", options->prediction_file, "t_s,point_id,x_m,y_m,z_m")
-        ->required()
-        ->type_name("CSV");
+    verb->add_option("case", options->case_folder, "Case folder with validation.csv")->required()->type_name("CASE");
+    verb->add_option("prediction", options->prediction_file, "t_s,point_id,x_m,y_m,z_m")->required()->type_name("CSV");
     verb->add_option("--json", options->json_file, "Write the figures as JSON")->type_name("FILE");
     verb->add_option("--plot", options->plot_file, "Draw the error over time (PNG)")->type_name("FILE");
-    verb->add_option("--compare", options->compare, "Draw the mean error of these predictions beside it")->type_name("CSV");
+    verb->add_option("--compare", options->compare, "Draw the mean error of these predictions beside it")
+        ->type_name("CSV");
 }
 
 }  // namespace teres::tools

@@ -86,8 +86,7 @@ int run(const Options& options) {
     for (const std::string& unit : units) {
         if (unit == "service") {
             std::printf("\n# The runtime: which units run, over which bus, what is recorded\n[service]\n");
-            print_setting("drivers = [\"replay\"]",
-                          "list; devices and recordings: ids, or paths of .so files");
+            print_setting("drivers = [\"replay\"]", "list; devices and recordings: ids, or paths of .so files");
             print_setting("plugins = [\"simulation\", \"estimator\"]",
                           "list; ids, or paths of .so files; started and stepped in this order");
             print_table(service_table());
@@ -98,8 +97,8 @@ int run(const Options& options) {
         const auto plugin = load_plugin(*file);
         if (!plugin) return report(plugin.error());
         for (const teres_factory* factory : plugin->factories) {
-            std::printf("\n# Unit %s: %s\n[%s]\n", factory->id,
-                        factory->summary != nullptr ? factory->summary : "", factory->id);
+            std::printf("\n# Unit %s: %s\n[%s]\n", factory->id, factory->summary != nullptr ? factory->summary : "",
+                        factory->id);
             print_table(std::span(factory->settings, factory->num_settings));
         }
     }
@@ -110,11 +109,10 @@ int run(const Options& options) {
 
 void add_settings_command(CLI::App& app, int& exit_code) {
     auto options = std::make_shared<Options>();
-    CLI::App* verb =
-        add_verb(app, exit_code, "settings", "Print every setting with its default, range and meaning",
-                 "  teres settings > teres.toml\n"
-                 "  teres settings simulation estimator",
-                 [options] { return run(*options); });
+    CLI::App* verb = add_verb(app, exit_code, "settings", "Print every setting with its default, range and meaning",
+                              "  teres settings > teres.toml\n"
+                              "  teres settings simulation estimator",
+                              [options] { return run(*options); });
     verb->add_option("units", options->units, "Units to show (default: service and all that are installed)")
         ->type_name("UNIT");
     add_settings_options(*verb, options->settings);

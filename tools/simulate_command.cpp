@@ -42,8 +42,7 @@ Result<Motion> play(ForwardModel& model, const Case& c, const std::vector<double
     for (std::size_t p = 0; p < theta.size(); ++p) theta[p] = model.parameter(p).prior_median;
     for (std::size_t k = 0; k < model.num_points(); ++k) motion.point_id.push_back(model.point_id(k));
     for (std::size_t k = 0; k < model.num_markers(); ++k) motion.marker_id.push_back(model.marker_id(k));
-    std::vector<double> x(model.num_state()), points(3 * model.num_points()),
-        markers(3 * model.num_markers());
+    std::vector<double> x(model.num_state()), points(3 * model.num_points()), markers(3 * model.num_markers());
     model.rest_state(x);
 
     const LoadTracks tracks(c);
@@ -135,8 +134,8 @@ Result<int> simulate(const SimulateOptions& options) {
         return host_fault("the plugins do not offer the models that simulate needs");
 
     const std::vector<double> times = frame_times(c);
-    TERES_TRY_ASSIGN(const Motion motion, effects ? play_with_effects(*trajectory, *sensor, options.effects)
-                                                  : play(*model, c, times));
+    TERES_TRY_ASSIGN(const Motion motion,
+                     effects ? play_with_effects(*trajectory, *sensor, options.effects) : play(*model, c, times));
     double largest_m = 0.0;
     const std::size_t nodes = c.mesh.nodes.size();
     for (std::size_t k = 0; k < times.size() * nodes; ++k) {
@@ -147,31 +146,28 @@ Result<int> simulate(const SimulateOptions& options) {
     std::printf("%s: %zu frames, %zu nodes, %zu ligament unknowns at their prior medians\n", c.name.c_str(),
                 times.size(), nodes, motion.unknowns);
     for (const auto& effect : options.effects) std::printf("  effect      %s\n", effect.c_str());
-    std::printf("  largest displacement %9.3f mm\n  largest residual     %9.2e of the applied force\n",
-                1e3 * largest_m, motion.worst_residual);
+    std::printf("  largest displacement %9.3f mm\n  largest residual     %9.2e of the applied force\n", 1e3 * largest_m,
+                motion.worst_residual);
     if (!options.predict_file.empty()) {
         TERES_TRY(table_of(times, motion.point_id, motion.points_m, "point_id").write(options.predict_file));
         std::printf("  points      %s\n", options.predict_file.c_str());
     }
     if (!options.markers_file.empty()) {
-        TERES_TRY(
-            table_of(times, motion.marker_id, motion.markers_m, "marker_id").write(options.markers_file));
+        TERES_TRY(table_of(times, motion.marker_id, motion.markers_m, "marker_id").write(options.markers_file));
         std::printf("  markers     %s\n", options.markers_file.c_str());
     }
     if (!options.vtk_folder.empty()) {
         TERES_TRY_ASSIGN(VtkSeries series, VtkSeries::make(options.vtk_folder, "body", c.mesh));
         for (std::size_t k = 0; k < times.size(); ++k)
-            TERES_TRY(series.add({times[k],
-                                  std::span<const double>(motion.nodes_m).subspan(k * 3 * nodes, 3 * nodes),
-                                  {},
-                                  {}}));
+            TERES_TRY(series.add(
+                {times[k], std::span<const double>(motion.nodes_m).subspan(k * 3 * nodes, 3 * nodes), {}, {}}));
         TERES_TRY_ASSIGN(const auto file, series.finish());
         std::printf("  ParaView    %s\n", file.c_str());
     }
     if (motion.unconverged > 0)
         return not_usable(std::to_string(motion.unconverged) + " of " + std::to_string(times.size()) +
-                          " frames did not converge (largest residual " +
-                          std::to_string(motion.worst_residual) + " of the applied force)");
+                          " frames did not converge (largest residual " + std::to_string(motion.worst_residual) +
+                          " of the applied force)");
     return kDone;
 }
 
@@ -179,25 +175,22 @@ Result<int> simulate(const SimulateOptions& options) {
 
 void add_simulate_command(CLI::App& app, int& exit_code) {
     auto options = std::make_shared<SimulateOptions>();
-    CLI::App* verb = add_verb(
-        app, exit_code, "simulate", "Forward simulation of a case with its prior ligament",
-        "  teres simulate config/cases/demo --predict points.csv --vtk vtk\n"
-        "  teres simulate CASE --set simulation.element=linear --set simulation.law=stvk\n"
-        "  teres simulate CASE --effect stiffness:factor=0.5 --effect latency:delay=0.1 --markers seen.csv\n"
-        "Exit code 1: a frame did not converge; 2: the case is malformed.",
-        [options] {
-            const Result<int> code = simulate(*options);
-            return code ? *code : report(code.error());
-        });
+    CLI::App* verb =
+        add_verb(app, exit_code, "simulate", "Forward simulation of a case with its prior ligament",
+                 "  teres simulate config/cases/demo --predict points.csv --vtk vtk\n"
+                 "  teres simulate CASE --set simulation.element=linear --set simulation.law=stvk\n"
+                 "  teres simulate CASE --effect stiffness:factor=0.5 --effect latency:delay=0.1 --markers seen.csv\n"
+                 "Exit code 1: a frame did not converge; 2: the case is malformed.",
+                 [options] {
+                     const Result<int> code = simulate(*options);
+                     return code ? *code : report(code.error());
+                 });
     verb->add_option("case", options->case_folder, "Case folder")->required()->type_name("CASE");
-    verb->add_option("--predict", options->predict_file,
-                     "Write t_s,point_id,x_m,y_m,z_m of the validation points")
+    verb->add_option("--predict", options->predict_file, "Write t_s,point_id,x_m,y_m,z_m of the validation points")
         ->type_name("CSV");
-    verb->add_option("--markers", options->markers_file,
-                     "Write t_s,marker_id,x_m,y_m,z_m as the camera sees them")
+    verb->add_option("--markers", options->markers_file, "Write t_s,marker_id,x_m,y_m,z_m as the camera sees them")
         ->type_name("CSV");
-    verb->add_option("--effect", options->effects,
-                     "Switch an effect on (teres effects lists them); may be repeated")
+    verb->add_option("--effect", options->effects, "Switch an effect on (teres effects lists them); may be repeated")
         ->type_name("ID[:NAME=VALUE,...]")
         ->allow_extra_args(false);
     verb->add_option("--vtk", options->vtk_folder, "Write the deformed body for ParaView")->type_name("DIR");

@@ -26,9 +26,8 @@ struct SpyOptions {
 
 std::size_t terminal_columns() {
     winsize size{};
-    return isatty(STDOUT_FILENO) != 0 && ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0
-               ? size.ws_col
-               : 200;
+    return isatty(STDOUT_FILENO) != 0 && ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0 ? size.ws_col
+                                                                                                         : 200;
 }
 
 void print(const SpyTable& table, const SpyOptions& options, bool in_place) {
@@ -73,9 +72,7 @@ int spy(const SpyOptions& options) {
     const std::int64_t period_us = in_place ? 500'000 : 1'000'000;
     const std::int64_t start_us = monotonic_us();
     std::int64_t next_us = start_us + period_us;
-    const auto over = [&] {
-        return seconds > 0.0 && static_cast<double>(monotonic_us() - start_us) >= 1e6 * seconds;
-    };
+    const auto over = [&] { return seconds > 0.0 && static_cast<double>(monotonic_us() - start_us) >= 1e6 * seconds; };
     bool ended = false;
     while (!signals.stop() && !over() && !ended) {
         ended = bus->dispatch(50) < 0;
@@ -85,8 +82,8 @@ int spy(const SpyOptions& options) {
     }
     if (options.once || (ended && !options.lines)) print(table, options, false);
     if (table.messages() == 0)
-        return report({ErrorKind::kNotUsable,
-                       "spy: no message on " + options.url + " (channels '" + options.channels + "')"});
+        return report(
+            {ErrorKind::kNotUsable, "spy: no message on " + options.url + " (channels '" + options.channels + "')"});
     return kDone;
 }
 
@@ -94,20 +91,17 @@ int spy(const SpyOptions& options) {
 
 void add_spy_command(CLI::App& app, int& exit_code) {
     auto options = std::make_shared<SpyOptions>();
-    CLI::App* verb = add_verb(
-        app, exit_code, "spy", "Look at the bus: channels, rates, sizes, jitter, gaps, decoded fields",
-        "  teres spy\n"
-        "  teres spy --once --json | jq '.channels[] | {channel, rate_hz, lost}'\n"
-        "  teres spy --url 'udpm://239.255.76.67:7667?ttl=0&recv_buf_size=16777216' --seconds 10\n"
-        "  teres spy --lines --channels 'DEVICE_HEALTH|PEDAL'\n"
-        "  teres spy --url 'file:///tmp/session.lcm?speed=0'\n"
-        "Exit code 1: no message came.",
-        [options] { return spy(*options); });
-    verb->add_option("--url", options->url, "LCM URL of the bus")
-        ->envname("LCM_DEFAULT_URL")
-        ->capture_default_str();
-    verb->add_option("--channels", options->channels, "Expression over the whole channel name")
-        ->capture_default_str();
+    CLI::App* verb =
+        add_verb(app, exit_code, "spy", "Look at the bus: channels, rates, sizes, jitter, gaps, decoded fields",
+                 "  teres spy\n"
+                 "  teres spy --once --json | jq '.channels[] | {channel, rate_hz, lost}'\n"
+                 "  teres spy --url 'udpm://239.255.76.67:7667?ttl=0&recv_buf_size=16777216' --seconds 10\n"
+                 "  teres spy --lines --channels 'DEVICE_HEALTH|PEDAL'\n"
+                 "  teres spy --url 'file:///tmp/session.lcm?speed=0'\n"
+                 "Exit code 1: no message came.",
+                 [options] { return spy(*options); });
+    verb->add_option("--url", options->url, "LCM URL of the bus")->envname("LCM_DEFAULT_URL")->capture_default_str();
+    verb->add_option("--channels", options->channels, "Expression over the whole channel name")->capture_default_str();
     verb->add_option("--seconds", options->seconds, "End after this time; 0: when stopped")
         ->check(CLI::Range(0.0, 1e7));
     verb->add_flag("--once", options->once, "Watch one second (or --seconds), print one table");

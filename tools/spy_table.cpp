@@ -38,10 +38,9 @@ void SpyTable::add(std::string_view channel, std::span<const std::uint8_t> data,
         if (traffic.sequence && stamp->sequence <= *traffic.sequence)
             ++traffic.restarts;
         else if (traffic.sequence)  // difference of values from the network: unsigned, it may be anything
-            traffic.lost += static_cast<std::int64_t>(
-                std::min<std::uint64_t>(static_cast<std::uint64_t>(stamp->sequence) -
-                                            static_cast<std::uint64_t>(*traffic.sequence) - 1,
-                                        1u << 31));
+            traffic.lost += static_cast<std::int64_t>(std::min<std::uint64_t>(
+                static_cast<std::uint64_t>(stamp->sequence) - static_cast<std::uint64_t>(*traffic.sequence) - 1,
+                1u << 31));
         traffic.sequence = stamp->sequence;
     }
     const std::size_t kept = data.size() <= kMaxKept ? data.size() : 8;
@@ -57,9 +56,7 @@ SpyRow SpyTable::row(const std::string& channel, const Traffic& traffic, std::in
     row.restarts = traffic.restarts;
     const auto total = static_cast<std::size_t>(traffic.messages);
     const std::size_t count = std::min(total, kRing);
-    const auto arrival = [&](std::size_t i) -> const Arrival& {
-        return traffic.arrivals[(total - count + i) % kRing];
-    };
+    const auto arrival = [&](std::size_t i) -> const Arrival& { return traffic.arrivals[(total - count + i) % kRing]; };
     const double newest_us = static_cast<double>(arrival(count - 1).at_us);
     row.age_s = std::max(0.0, (static_cast<double>(now_us) - newest_us) * 1e-6);
     if (count > 1) {
@@ -70,8 +67,7 @@ SpyRow SpyTable::row(const std::string& channel, const Traffic& traffic, std::in
         double bytes = 0.0, squares = 0.0;
         for (std::size_t i = 1; i < count; ++i) {
             bytes += static_cast<double>(arrival(i).bytes);
-            const double deviation_s =
-                static_cast<double>(arrival(i).at_us - arrival(i - 1).at_us) * 1e-6 - mean_s;
+            const double deviation_s = static_cast<double>(arrival(i).at_us - arrival(i - 1).at_us) * 1e-6 - mean_s;
             squares += deviation_s * deviation_s;
         }
         if (seen_s > 0.0) {
@@ -98,12 +94,12 @@ std::string as_text(const std::vector<SpyRow>& rows, std::size_t columns) {
         if (content.size() > columns) content = content.substr(0, columns > 3 ? columns - 3 : 0) + "...";
         text += content + "\n";
     };
-    line(fmt::format("{:<18} {:>9} {:>9} {:>11} {:>9} {:>6} {:>9}  {}", "channel", "messages", "Hz",
-                     "bytes/s", "jitter", "lost", "age", "type"));
+    line(fmt::format("{:<18} {:>9} {:>9} {:>11} {:>9} {:>6} {:>9}  {}", "channel", "messages", "Hz", "bytes/s",
+                     "jitter", "lost", "age", "type"));
     for (const SpyRow& row : rows) {
-        line(fmt::format("{:<18} {:>9} {:>9.2f} {:>11} {:>6.2f} ms {:>6} {:>9}  {}", row.channel,
-                         row.messages, row.rate_hz, bytes_text(row.bytes_per_s), row.jitter_ms, row.lost,
-                         age_text(row.age_s), row.type));
+        line(fmt::format("{:<18} {:>9} {:>9.2f} {:>11} {:>6.2f} ms {:>6} {:>9}  {}", row.channel, row.messages,
+                         row.rate_hz, bytes_text(row.bytes_per_s), row.jitter_ms, row.lost, age_text(row.age_s),
+                         row.type));
         if (!row.fields.is_null()) line("    " + one_line(row.fields));
     }
     return text;
@@ -124,8 +120,7 @@ std::string as_json(const std::vector<SpyRow>& rows) {
                             {"type", row.type},
                             {"fields", row.fields}});
     // Strings come from the network and need not be UTF-8.
-    return nlohmann::json{{"channels", channels}}.dump(-1, ' ', false,
-                                                       nlohmann::json::error_handler_t::replace);
+    return nlohmann::json{{"channels", channels}}.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
 }  // namespace teres::tools

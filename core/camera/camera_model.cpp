@@ -92,9 +92,9 @@ Point CameraModel::ray(const Pixel& pixel) const {
 
 Result<StreamInfo> stream_info(const camera_info_t& m) {
     const std::string place = (m.header.frame_id.empty() ? "(no frame)" : m.header.frame_id) + " " + m.serial;
-    TERES_TRY(check(m.width_px > 0 && m.height_px > 0 && m.width_px <= 16384 && m.height_px <= 16384, place,
-                    "size " + std::to_string(m.width_px) + "x" + std::to_string(m.height_px) +
-                        " px is not within 1..16384"));
+    TERES_TRY(
+        check(m.width_px > 0 && m.height_px > 0 && m.width_px <= 16384 && m.height_px <= 16384, place,
+              "size " + std::to_string(m.width_px) + "x" + std::to_string(m.height_px) + " px is not within 1..16384"));
     bool finite = true;
     for (const double v : {m.fx_px, m.fy_px, m.cx_px, m.cy_px, m.depth_unit_m, m.baseline_m})
         finite = finite && std::isfinite(v);
@@ -102,8 +102,8 @@ Result<StreamInfo> stream_info(const camera_info_t& m) {
     for (const double v : m.rotation) finite = finite && std::isfinite(v);
     for (const double v : m.translation_m) finite = finite && std::isfinite(v);
     TERES_TRY(check(finite, place, "a value is not finite"));
-    TERES_TRY(check(m.fx_px > 0.0 && m.fy_px > 0.0, place, "fx, fy = " + std::to_string(m.fx_px) + ", " +
-                                                               std::to_string(m.fy_px) + " px, must be positive"));
+    TERES_TRY(check(m.fx_px > 0.0 && m.fy_px > 0.0, place,
+                    "fx, fy = " + std::to_string(m.fx_px) + ", " + std::to_string(m.fy_px) + " px, must be positive"));
     TERES_TRY(check(m.depth_unit_m >= 0.0, place, "depth_unit_m is negative"));
     StreamInfo info;
     info.serial = m.serial;

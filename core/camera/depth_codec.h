@@ -1,5 +1,5 @@
-// Lossless depth frames, fourcc "RVL ": runs of zeros and of values; values as differences in 3-bit groups (A. D. Wilson,
-// Fast lossless depth image compression, ISS 2017). About a quarter of the raw size.
+// Lossless depth frames, fourcc "RVL ": runs of zeros and of values; values as differences in 3-bit groups (A. D.
+// Wilson, Fast lossless depth image compression, ISS 2017). About a quarter of the raw size.
 #pragma once
 
 #include <cstdint>

@@ -35,7 +35,8 @@ void ZBuffer::project(std::span<const Point> points, const Pose& to_camera, cons
 void ZBuffer::draw(std::span<const Vertex> vertices, std::span<const std::array<std::int32_t, 3>> triangles,
                    std::int32_t first_id, bool cull) {
     for (std::size_t t = 0; t < triangles.size(); ++t)
-        draw_one(vertices[static_cast<std::size_t>(triangles[t][0])], vertices[static_cast<std::size_t>(triangles[t][1])],
+        draw_one(vertices[static_cast<std::size_t>(triangles[t][0])],
+                 vertices[static_cast<std::size_t>(triangles[t][1])],
                  vertices[static_cast<std::size_t>(triangles[t][2])], first_id + static_cast<std::int32_t>(t), cull);
 }
 
@@ -48,7 +49,8 @@ void ZBuffer::draw_one(const Vertex& a, const Vertex& b, const Vertex& c, std::i
     if (!(high_u >= 0.0F && high_v >= 0.0F && low_u <= static_cast<float>(width_ - 1) &&
           low_v <= static_cast<float>(height_ - 1)))
         return;
-    const int u0 = std::max(0, static_cast<int>(std::ceil(low_u))), v0 = std::max(0, static_cast<int>(std::ceil(low_v)));
+    const int u0 = std::max(0, static_cast<int>(std::ceil(low_u))),
+              v0 = std::max(0, static_cast<int>(std::ceil(low_v)));
     const int u1 = static_cast<int>(std::min(std::floor(high_u), static_cast<float>(width_ - 1)));
     const int v1 = static_cast<int>(std::min(std::floor(high_v), static_cast<float>(height_ - 1)));
     // Weights w_b, w_c and 1/z as affine functions of the pixel.

@@ -17,8 +17,7 @@ constexpr Bound kCoordinate{-1e3, 1e3};           // [m]
 constexpr double kGravityMax = 1e3;               // [m/s^2]
 
 template <class Law, std::size_t N>
-Result<Law> choose(JsonFields& json, const std::string& path,
-                   const std::array<std::pair<const char*, Law>, N>& laws) {
+Result<Law> choose(JsonFields& json, const std::string& path, const std::array<std::pair<const char*, Law>, N>& laws) {
     TERES_TRY_ASSIGN(const std::string given, json.text(path));
     std::string known;
     for (const auto& [name, law] : laws) {
@@ -35,8 +34,7 @@ Status read_ogden(JsonFields& json, BodyData& body) {
     TERES_TRY_ASSIGN(body.shear_modulus_pa, json.number("body.shear_modulus_pa", kModulus));
     TERES_TRY_ASSIGN(body.bulk_modulus_pa, json.number("body.bulk_modulus_pa", kModulus));
     TERES_TRY_ASSIGN(body.alpha, json.number("body.alpha", {-100.0, 100.0}));
-    if (body.alpha == 0.0)
-        return json.error_at("body.alpha", "0 is not allowed: W has alpha^2 in its denominator");
+    if (body.alpha == 0.0) return json.error_at("body.alpha", "0 is not allowed: W has alpha^2 in its denominator");
     const double G = body.shear_modulus_pa, K = body.bulk_modulus_pa;
     const double E = 9.0 * K * G / (3.0 * K + G), nu = (3.0 * K - 2.0 * G) / (2.0 * (3.0 * K + G));
     TERES_TRY_ASSIGN(body.youngs_modulus_pa, json.number_or("body.youngs_modulus_pa", kModulus, E));
@@ -45,13 +43,13 @@ Status read_ogden(JsonFields& json, BodyData& body) {
     if (std::abs(body.youngs_modulus_pa - E) > 0.02 * E)
         return json.error_at("body.youngs_modulus_pa",
                              to_text(body.youngs_modulus_pa) +
-                                 " contradicts shear_modulus_pa and bulk_modulus_pa, which give " +
-                                 to_text(E) + " (tolerance 2 %)");
+                                 " contradicts shear_modulus_pa and bulk_modulus_pa, which give " + to_text(E) +
+                                 " (tolerance 2 %)");
     if (std::abs(body.poissons_ratio - nu) > 0.01)
         return json.error_at("body.poissons_ratio",
                              to_text(body.poissons_ratio) +
-                                 " contradicts shear_modulus_pa and bulk_modulus_pa, which give " +
-                                 to_text(nu) + " (tolerance 0.01)");
+                                 " contradicts shear_modulus_pa and bulk_modulus_pa, which give " + to_text(nu) +
+                                 " (tolerance 0.01)");
     return {};
 }
 
@@ -135,8 +133,7 @@ Status parse_case_json(std::string_view text, const std::string& name, Case& out
     TERES_TRY(json.no_unknown_keys());
     const bool needs_density = !out.quasi_static || length(out.gravity_m_s2) > 0.0;
     if (needs_density && out.body.density_kg_m3 <= 0.0)
-        return json.error_at("body.density_kg_m3",
-                             "must be above 0: the case has gravity or is not quasi-static");
+        return json.error_at("body.density_kg_m3", "must be above 0: the case has gravity or is not quasi-static");
     return {};
 }
 

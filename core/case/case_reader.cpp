@@ -35,8 +35,7 @@ Result<std::optional<CsvTable>> read_optional(const fs::path& file, const Column
     return table;
 }
 
-Result<std::int32_t> node_id(const CsvTable& table, std::size_t row, std::size_t column,
-                             const TetMeshData& mesh) {
+Result<std::int32_t> node_id(const CsvTable& table, std::size_t row, std::size_t column, const TetMeshData& mesh) {
     const std::int32_t id = table.id(row, column);
     if (static_cast<std::size_t>(id) >= mesh.nodes.size())
         return wrong(table, row,
@@ -46,8 +45,7 @@ Result<std::int32_t> node_id(const CsvTable& table, std::size_t row, std::size_t
 }
 
 Point point(const CsvTable& table, std::size_t row, std::size_t first_column) {
-    return {table.number(row, first_column), table.number(row, first_column + 1),
-            table.number(row, first_column + 2)};
+    return {table.number(row, first_column), table.number(row, first_column + 1), table.number(row, first_column + 2)};
 }
 
 // Three numbers or three NaN; a partly lost position is a broken file.
@@ -57,13 +55,11 @@ Result<Point> position(const CsvTable& table, std::size_t row, std::size_t first
     for (const double x : p) {
         lost += std::isnan(x) ? 1 : 0;
         if (std::abs(x) > kCoordinateBound_m)
-            return wrong(
-                table, row,
-                "coordinate " + to_text(x) + " m is outside +-" + to_text(kCoordinateBound_m) + " m");
+            return wrong(table, row,
+                         "coordinate " + to_text(x) + " m is outside +-" + to_text(kCoordinateBound_m) + " m");
     }
     if (lost != 0 && lost != 3)
-        return wrong(table, row,
-                     std::to_string(lost) + " of 3 coordinates are NaN; a lost point has NaN in all three");
+        return wrong(table, row, std::to_string(lost) + " of 3 coordinates are NaN; a lost point has NaN in all three");
     return p;
 }
 
@@ -73,12 +69,10 @@ class TimeCheck {
     Status next(const CsvTable& table, std::size_t row, std::int64_t id, const std::string& what) {
         const double t = table.number(row, 0);
         if (row > 0 && t < time_)
-            return wrong(table, row,
-                         "t_s = " + to_text(t) + " goes backwards: the row before has " + to_text(time_));
+            return wrong(table, row, "t_s = " + to_text(t) + " goes backwards: the row before has " + to_text(time_));
         if (row == 0 || t > time_) seen_.clear();
         time_ = t;
-        if (!seen_.insert(id).second)
-            return wrong(table, row, what + " appears twice at t_s = " + to_text(t));
+        if (!seen_.insert(id).second) return wrong(table, row, what + " appears twice at t_s = " + to_text(t));
         return {};
     }
 
@@ -93,8 +87,7 @@ Status read_clamped(Case& c) {
     std::unordered_set<std::int32_t> seen;
     for (std::size_t row = 0; row < table->num_rows(); ++row) {
         TERES_TRY_ASSIGN(const std::int32_t id, node_id(*table, row, 0, c.mesh));
-        if (!seen.insert(id).second)
-            return wrong(*table, row, "node_id " + std::to_string(id) + " appears twice");
+        if (!seen.insert(id).second) return wrong(*table, row, "node_id " + std::to_string(id) + " appears twice");
         c.clamped.push_back(id);
     }
     return {};
@@ -110,8 +103,7 @@ Status read_ligament_prior(Case& c) {
         const double probability = table->number(row, 1);
         if (!(probability >= 0.0 && probability <= 1.0))
             return wrong(*table, row, "probability " + to_text(probability) + " is outside [0, 1]");
-        if (!seen.insert(id).second)
-            return wrong(*table, row, "node_id " + std::to_string(id) + " appears twice");
+        if (!seen.insert(id).second) return wrong(*table, row, "node_id " + std::to_string(id) + " appears twice");
         c.ligament_prior.push_back({id, probability});
     }
     return {};
@@ -126,8 +118,7 @@ Status read_loads(Case& c) {
         std::set<std::pair<std::int32_t, std::int32_t>> seen;
         for (std::size_t row = 0; row < nodes->num_rows(); ++row) {
             const std::string& name = nodes->text(row, 0);
-            const auto [found, is_new] =
-                region_index.emplace(name, static_cast<std::int32_t>(c.load_regions.size()));
+            const auto [found, is_new] = region_index.emplace(name, static_cast<std::int32_t>(c.load_regions.size()));
             if (is_new) {
                 c.load_regions.push_back({name, {}, {}});
                 first_row.push_back(row);
@@ -147,20 +138,18 @@ Status read_loads(Case& c) {
             for (const double weight : c.load_regions[r].weights) sum += weight;
             if (!(std::abs(sum - 1.0) <= kWeightSumTolerance))
                 return wrong(*nodes, first_row[r],
-                             "weights of region " + in_quotes(c.load_regions[r].name) + " sum to " +
-                                 to_text(sum) + ", expected 1 +- " + to_text(kWeightSumTolerance));
+                             "weights of region " + in_quotes(c.load_regions[r].name) + " sum to " + to_text(sum) +
+                                 ", expected 1 +- " + to_text(kWeightSumTolerance));
         }
     }
-    const Columns columns{
-        {"t_s", kNumber}, {"region", kText}, {"fx_n", kNumber}, {"fy_n", kNumber}, {"fz_n", kNumber}};
+    const Columns columns{{"t_s", kNumber}, {"region", kText}, {"fx_n", kNumber}, {"fy_n", kNumber}, {"fz_n", kNumber}};
     TERES_TRY_ASSIGN(const auto table, read_optional(c.folder / "loads.csv", columns));
     if (!table) return {};
     TimeCheck time;
     for (std::size_t row = 0; row < table->num_rows(); ++row) {
         const auto region = region_index.find(table->text(row, 1));
         if (region == region_index.end())
-            return wrong(*table, row,
-                         "region " + in_quotes(table->text(row, 1)) + " is not in load_nodes.csv");
+            return wrong(*table, row, "region " + in_quotes(table->text(row, 1)) + " is not in load_nodes.csv");
         TERES_TRY(time.next(*table, row, region->second, "region " + in_quotes(region->first)));
         c.loads.push_back({table->number(row, 0), region->second, point(*table, row, 2)});
     }
@@ -177,8 +166,7 @@ Status read_tools(Case& c) {
             TERES_TRY_ASSIGN(const std::int32_t id, node_id(*nodes, row, 1, c.mesh));
             const std::string& name = nodes->text(row, 0);
             const double stiffness = nodes->number(row, 2);
-            if (stiffness < 0.0)
-                return wrong(*nodes, row, "stiffness_n_per_m " + to_text(stiffness) + " is below 0");
+            if (stiffness < 0.0) return wrong(*nodes, row, "stiffness_n_per_m " + to_text(stiffness) + " is below 0");
             if (!seen.insert({name, id}).second)
                 return wrong(*nodes, row,
                              "node_id " + std::to_string(id) + " appears twice for tool " + in_quotes(name));
@@ -186,11 +174,8 @@ Status read_tools(Case& c) {
             c.tools.push_back({name, id, stiffness});
         }
     }
-    const Columns columns{{"t_s", kNumber},
-                          {"tool", kText},
-                          {"x_m", kNumberOrNan},
-                          {"y_m", kNumberOrNan},
-                          {"z_m", kNumberOrNan}};
+    const Columns columns{
+        {"t_s", kNumber}, {"tool", kText}, {"x_m", kNumberOrNan}, {"y_m", kNumberOrNan}, {"z_m", kNumberOrNan}};
     TERES_TRY_ASSIGN(const auto table, read_optional(c.folder / "tool.csv", columns));
     if (!table) return {};
     TimeCheck time;
@@ -221,9 +206,8 @@ Status read_springs(Case& c) {
         TERES_TRY_ASSIGN(spring.anchor_m, position(*table, row, 1));
         const auto law = laws.find(table->text(row, 4));
         if (law == laws.end())
-            return wrong(
-                *table, row,
-                "law " + in_quotes(table->text(row, 4)) + ", expected linear|rest_shape|cubic|polynomial");
+            return wrong(*table, row,
+                         "law " + in_quotes(table->text(row, 4)) + ", expected linear|rest_shape|cubic|polynomial");
         spring.law = law->second;
         for (std::size_t i = 0; i < 3; ++i) spring.k[i] = table->number(row, 5 + i);
         if (spring.k[0] < 0.0) return wrong(*table, row, "k1 = " + to_text(spring.k[0]) + " is below 0");
@@ -256,8 +240,7 @@ Columns rest_columns(const char* id_column) {
 }
 
 Status read_markers(Case& c, double max_distance_m) {
-    TERES_TRY_ASSIGN(const CsvTable table,
-                     CsvTable::read(c.folder / "markers_rest.csv", rest_columns("marker_id")));
+    TERES_TRY_ASSIGN(const CsvTable table, CsvTable::read(c.folder / "markers_rest.csv", rest_columns("marker_id")));
     if (table.num_rows() == 0) return invalid_input(table.name() + ":1: no markers, at least 1 is needed");
     TERES_TRY_ASSIGN(c.markers, read_rest_points(table));
     const Surface surface(c.mesh);
@@ -285,11 +268,7 @@ Result<std::vector<PositionSample>> read_samples(const CsvTable& table, bool any
 }
 
 Columns sample_columns(const std::string& id_column) {
-    return {{"t_s", kNumber},
-            {id_column, kId},
-            {"x_m", kNumberOrNan},
-            {"y_m", kNumberOrNan},
-            {"z_m", kNumberOrNan}};
+    return {{"t_s", kNumber}, {id_column, kId}, {"x_m", kNumberOrNan}, {"y_m", kNumberOrNan}, {"z_m", kNumberOrNan}};
 }
 
 Status read_observations(Case& c) {
@@ -303,12 +282,10 @@ Status read_observations(Case& c) {
     for (std::size_t row = 0; row < c.observations.size(); ++row) {
         const PositionSample& sample = c.observations[row];
         if (known.count(sample.id) == 0)
-            return wrong(table, row,
-                         "marker_id " + std::to_string(sample.id) + " is not in markers_rest.csv");
+            return wrong(table, row, "marker_id " + std::to_string(sample.id) + " is not in markers_rest.csv");
         any_seen = any_seen || !std::isnan(sample.position_m[0]);
     }
-    if (!any_seen)
-        return invalid_input(table.name() + ": all " + std::to_string(table.num_rows()) + " rows are NaN");
+    if (!any_seen) return invalid_input(table.name() + ": all " + std::to_string(table.num_rows()) + " rows are NaN");
     return {};
 }
 
@@ -341,16 +318,14 @@ Result<Case> read_case(const fs::path& folder, const CaseReadOptions& options) {
 
     if (!c.stream.empty()) {
         if (!fs::exists(folder / c.stream, code))
-            return invalid_input(header.string() + ": stream: " + (folder / c.stream).string() +
-                                 " not found");
+            return invalid_input(header.string() + ": stream: " + (folder / c.stream).string() + " not found");
     } else if (options.observations) {
         TERES_TRY(read_observations(c));
     }
     return c;
 }
 
-Result<std::vector<PositionSample>> read_positions(const fs::path& file, const std::string& id_column,
-                                                   bool any_order) {
+Result<std::vector<PositionSample>> read_positions(const fs::path& file, const std::string& id_column, bool any_order) {
     TERES_TRY_ASSIGN(const CsvTable table, CsvTable::read(file, sample_columns(id_column)));
     return read_samples(table, any_order);
 }

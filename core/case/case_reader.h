@@ -33,7 +33,7 @@ Status parse_case_json(std::string_view text, const std::string& name, Case& out
 
 /// `t_s,<id_column>,x_m,y_m,z_m`: true or predicted positions (for `teres score` only). Unless `any_order`,
 /// time must not go backwards and (t_s, id) must be unique.
-Result<std::vector<PositionSample>> read_positions(const std::filesystem::path& file,
-                                                   const std::string& id_column, bool any_order = false);
+Result<std::vector<PositionSample>> read_positions(const std::filesystem::path& file, const std::string& id_column,
+                                                   bool any_order = false);
 
 }  // namespace teres

@@ -124,8 +124,7 @@ std::string tool_table(const Case& c) {
 std::string spring_table(std::span<const SpringData> springs) {
     TextWriter out;
     out.line("node_id", "ax_m", "ay_m", "az_m", "law", "k1", "k2", "k3", "rest_length_m", "group");
-    for (const SpringData& s : springs)
-        out.line(s.node_id, s.anchor_m, law_name(s.law), s.k, s.rest_length_m, s.group);
+    for (const SpringData& s : springs) out.line(s.node_id, s.anchor_m, law_name(s.law), s.k, s.rest_length_m, s.group);
     return out.text();
 }
 
@@ -160,8 +159,7 @@ Status write_case(const Case& c, const fs::path& folder) {
     for (const NodeProbability& node : c.ligament_prior) prior.line(node.node_id, node.probability);
     TERES_TRY(write_optional(folder / "clamped.csv", !c.clamped.empty(), clamped.text()));
     TERES_TRY(write_optional(folder / "ligament_prior.csv", !c.ligament_prior.empty(), prior.text()));
-    TERES_TRY(
-        write_optional(folder / "load_nodes.csv", !c.load_regions.empty(), load_node_table(c.load_regions)));
+    TERES_TRY(write_optional(folder / "load_nodes.csv", !c.load_regions.empty(), load_node_table(c.load_regions)));
     TERES_TRY(write_optional(folder / "loads.csv", !c.loads.empty(), load_table(c)));
     TERES_TRY(write_optional(folder / "tool_nodes.csv", !c.tools.empty(), tool_node_table(c.tools)));
     TERES_TRY(write_optional(folder / "tool.csv", !c.tool_samples.empty(), tool_table(c)));
@@ -173,8 +171,7 @@ Status write_case(const Case& c, const fs::path& folder) {
                           rest_table("point_id", c.validation_rest));
 }
 
-Status write_positions(const fs::path& file, const std::string& id_column,
-                       std::span<const PositionSample> samples) {
+Status write_positions(const fs::path& file, const std::string& id_column, std::span<const PositionSample> samples) {
     return write_text_file(file, sample_table(id_column, samples));
 }
 

@@ -33,8 +33,7 @@ std::string header_text(std::span<const CsvColumn> columns) {
 
 }  // namespace
 
-Result<CsvTable> CsvTable::parse(std::string_view text, std::string name,
-                                 std::span<const CsvColumn> columns) {
+Result<CsvTable> CsvTable::parse(std::string_view text, std::string name, std::span<const CsvColumn> columns) {
     CsvTable table;
     table.name_ = std::move(name);
     table.columns_.assign(columns.begin(), columns.end());
@@ -45,13 +44,11 @@ Result<CsvTable> CsvTable::parse(std::string_view text, std::string name,
     std::vector<std::string_view> fields;
     const auto header = cursor.next_line();
     if (!header)
-        return invalid_input(table.name_ + ":1: empty file, expected the header " +
-                             in_quotes(header_text(columns)));
+        return invalid_input(table.name_ + ":1: empty file, expected the header " + in_quotes(header_text(columns)));
     split(*header, fields);
     for (std::size_t i = 0; i < std::max(fields.size(), columns.size()); ++i) {
         if (i < fields.size() && i < columns.size() && fields[i] == columns[i].name) continue;
-        return invalid_input(here() + "header " + in_quotes(*header) + ", expected '" + header_text(columns) +
-                             "'");
+        return invalid_input(here() + "header " + in_quotes(*header) + ", expected '" + header_text(columns) + "'");
     }
 
     while (const auto line = cursor.next_line()) {
@@ -65,8 +62,7 @@ Result<CsvTable> CsvTable::parse(std::string_view text, std::string name,
             const CsvColumn& column = columns[i];
             const std::string_view field = fields[i];
             const auto wrong = [&](const char* expected) {
-                return invalid_input(here() + column.name + " = " + in_quotes(field) + ", expected " +
-                                     expected);
+                return invalid_input(here() + column.name + " = " + in_quotes(field) + ", expected " + expected);
             };
             if (column.kind == CsvKind::kText) {
                 if (field.empty()) return wrong("a name");
@@ -87,8 +83,7 @@ Result<CsvTable> CsvTable::parse(std::string_view text, std::string name,
         }
     }
     if (text.back() != '\n')
-        return invalid_input(here() +
-                             "the last line has no line end: truncated? (add one if the file is complete)");
+        return invalid_input(here() + "the last line has no line end: truncated? (add one if the file is complete)");
     return table;
 }
 

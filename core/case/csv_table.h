@@ -30,14 +30,11 @@ class CsvTable {
   public:
     /// `name` stands in the error texts. The header must name exactly `columns`, in this order.
     /// The last line must end with a line end: without one a file cut inside its last number would pass.
-    static Result<CsvTable> parse(std::string_view text, std::string name,
-                                  std::span<const CsvColumn> columns);
+    static Result<CsvTable> parse(std::string_view text, std::string name, std::span<const CsvColumn> columns);
     static Result<CsvTable> read(const std::filesystem::path& file, std::span<const CsvColumn> columns);
 
     std::size_t num_rows() const { return lines_.size(); }
-    double number(std::size_t row, std::size_t column) const {
-        return values_[row * columns_.size() + column];
-    }
+    double number(std::size_t row, std::size_t column) const { return values_[row * columns_.size() + column]; }
     std::int32_t id(std::size_t row, std::size_t column) const {
         return static_cast<std::int32_t>(number(row, column));
     }

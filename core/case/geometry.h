@@ -36,9 +36,7 @@ inline bool is_finite(const Point& a) {
 /// det[b - a, c - a, d - a] / 6 of tetrahedron a b c d [m^3]
 inline double signed_volume_m3(const TetMeshData& mesh, std::size_t tet) {
     const auto& n = mesh.tets[tet];
-    const auto node = [&](std::size_t i) -> const Point& {
-        return mesh.nodes[static_cast<std::size_t>(n[i])];
-    };
+    const auto node = [&](std::size_t i) -> const Point& { return mesh.nodes[static_cast<std::size_t>(n[i])]; };
     const Point ab = minus(node(1), node(0)), ac = minus(node(2), node(0)), ad = minus(node(3), node(0));
     return dot(cross(ab, ac), ad) / 6.0;
 }

@@ -53,9 +53,7 @@ class JsonFields::Handler {
     bool null() { return add({Kind::kNull}); }
     bool boolean(bool value) { return add({Kind::kBoolean, value ? 1.0 : 0.0}); }
     bool number_integer(std::int64_t value) { return add({Kind::kNumber, static_cast<double>(value), true}); }
-    bool number_unsigned(std::uint64_t value) {
-        return add({Kind::kNumber, static_cast<double>(value), true});
-    }
+    bool number_unsigned(std::uint64_t value) { return add({Kind::kNumber, static_cast<double>(value), true}); }
     bool number_float(double value, const std::string&) { return add({Kind::kNumber, value}); }
     bool string(std::string& value) { return add({Kind::kText, 0.0, false, value}); }
     bool binary(nlohmann::json::binary_t&) { return false; }
@@ -72,11 +70,9 @@ class JsonFields::Handler {
     }
     bool parse_error(std::size_t, const std::string& token, const nlohmann::detail::exception& exception) {
         std::string why = exception.what();
-        if (const auto at = why.rfind(": ");
-            at != std::string::npos && why.find("syntax error") != std::string::npos)
+        if (const auto at = why.rfind(": "); at != std::string::npos && why.find("syntax error") != std::string::npos)
             why = why.substr(why.find("syntax error"));
-        error = out_.name_ + ":" + std::to_string(line()) + ": not valid JSON at " + in_quotes(token) + ": " +
-                why;
+        error = out_.name_ + ":" + std::to_string(line()) + ": not valid JSON at " + in_quotes(token) + ": " + why;
         return false;
     }
 
@@ -109,8 +105,8 @@ class JsonFields::Handler {
             return false;
         }
         if (out_.values_.size() >= kMaxValues || levels_.size() > kMaxDepth) {
-            error = out_.name_ + ":" + std::to_string(value.line) + ": more than " +
-                    std::to_string(kMaxValues) + " values or " + std::to_string(kMaxDepth) + " levels";
+            error = out_.name_ + ":" + std::to_string(value.line) + ": more than " + std::to_string(kMaxValues) +
+                    " values or " + std::to_string(kMaxDepth) + " levels";
             return false;
         }
         if (!out_.values_.emplace(path, std::move(value)).second) {
@@ -149,9 +145,8 @@ Result<JsonFields> JsonFields::parse(std::string_view text, std::string name) {
         return invalid_input(out.name_ + ":1: empty file, expected a JSON object");
     const char* passed = text.data();
     Handler handler(out, text.data(), &passed);
-    const bool complete =
-        nlohmann::json::sax_parse(CountingIterator(text.data(), &passed),
-                                  CountingIterator(text.data() + text.size(), &passed), &handler);
+    const bool complete = nlohmann::json::sax_parse(CountingIterator(text.data(), &passed),
+                                                    CountingIterator(text.data() + text.size(), &passed), &handler);
     if (!complete) return invalid_input(handler.error);
     out.values_[""].used = true;
     return out;
@@ -177,8 +172,7 @@ const char* JsonFields::kind_name(Kind kind) {
 
 tl::unexpected<Error> JsonFields::error_at(const std::string& path, const std::string& text) const {
     const auto found = values_.find(path);
-    const std::string place =
-        found == values_.end() ? name_ : name_ + ":" + std::to_string(found->second.line);
+    const std::string place = found == values_.end() ? name_ : name_ + ":" + std::to_string(found->second.line);
     return invalid_input(place + ": " + path + ": " + text);
 }
 
@@ -199,8 +193,7 @@ Result<const JsonFields::Value*> JsonFields::find(const std::string& path, Kind 
     const auto found = values_.find(path);
     if (found == values_.end()) return error_at(path, "missing key");
     if (found->second.kind != kind)
-        return error_at(path,
-                        std::string("is ") + kind_name(found->second.kind) + ", expected " + kind_name(kind));
+        return error_at(path, std::string("is ") + kind_name(found->second.kind) + ", expected " + kind_name(kind));
     found->second.used = true;
     return &found->second;
 }
@@ -212,8 +205,7 @@ Result<double> JsonFields::number(const std::string& path, Bound bound) {
     const bool below = bound.open_max ? x < bound.max : x <= bound.max;
     if (!std::isfinite(x) || !above || !below)
         return error_at(path, to_text(x) + " is outside " + std::string(1, bound.open_min ? '(' : '[') +
-                                  to_text(bound.min) + ", " + to_text(bound.max) +
-                                  (bound.open_max ? ")" : "]"));
+                                  to_text(bound.min) + ", " + to_text(bound.max) + (bound.open_max ? ")" : "]"));
     return x;
 }
 

@@ -26,8 +26,7 @@ LoadTracks::LoadTracks(const Case& from) : regions_(from.load_regions.size()) {
     }
     message_.num_regions = static_cast<std::int32_t>(regions_.size());
     message_.num_tools = static_cast<std::int32_t>(tools_.size());
-    for (auto* component : {&message_.fx_n, &message_.fy_n, &message_.fz_n})
-        component->resize(regions_.size());
+    for (auto* component : {&message_.fx_n, &message_.fy_n, &message_.fz_n}) component->resize(regions_.size());
     for (auto* component : {&message_.x_m, &message_.y_m, &message_.z_m}) component->resize(tools_.size());
 }
 

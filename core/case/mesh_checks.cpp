@@ -39,8 +39,8 @@ Status check_one_piece(const TetMeshData& mesh, const std::string& name) {
     for (std::size_t i = 0; i < std::min(pieces.size(), kListed); ++i)
         sizes += (i == 0 ? "" : ", ") + std::to_string(pieces[i]);
     if (pieces.size() > kListed) sizes += ", ...";
-    return invalid_input(name + ": the mesh falls into " + std::to_string(pieces.size()) + " pieces of " +
-                         sizes + " nodes, expected 1");
+    return invalid_input(name + ": the mesh falls into " + std::to_string(pieces.size()) + " pieces of " + sizes +
+                         " nodes, expected 1");
 }
 
 // A face belongs to one tetrahedron (boundary) or to two that lie on its two sides. All tetrahedra are
@@ -55,8 +55,7 @@ Status check_faces(const TetMeshData& mesh, const std::string& name) {
     faces.reserve(4 * mesh.tets.size());
     for (std::size_t tet = 0; tet < mesh.tets.size(); ++tet) {
         const auto [a, b, c, d] = mesh.tets[tet];
-        for (auto key :
-             {std::array{a, c, b}, std::array{a, b, d}, std::array{a, d, c}, std::array{b, c, d}}) {
+        for (auto key : {std::array{a, c, b}, std::array{a, b, d}, std::array{a, d, c}, std::array{b, c, d}}) {
             bool even = true;
             for (const auto& [i, j] : {std::pair{0u, 1u}, std::pair{1u, 2u}, std::pair{0u, 1u}})
                 if (key[i] > key[j]) {
@@ -70,16 +69,15 @@ Status check_faces(const TetMeshData& mesh, const std::string& name) {
               [](const Face& x, const Face& y) { return std::tie(x.key, x.tet) < std::tie(y.key, y.tet); });
     for (std::size_t i = 0; i + 1 < faces.size(); ++i) {
         if (faces[i].key != faces[i + 1].key) continue;
-        const std::string face = "face " + std::to_string(faces[i].key[0]) + " " +
-                                 std::to_string(faces[i].key[1]) + " " + std::to_string(faces[i].key[2]);
+        const std::string face = "face " + std::to_string(faces[i].key[0]) + " " + std::to_string(faces[i].key[1]) +
+                                 " " + std::to_string(faces[i].key[2]);
         if (faces[i].even == faces[i + 1].even)
             return invalid_input(name + ": tetrahedra " + std::to_string(faces[i].tet) + " and " +
-                                 std::to_string(faces[i + 1].tet) +
-                                 " overlap: both lie on the same side of " + face);
+                                 std::to_string(faces[i + 1].tet) + " overlap: both lie on the same side of " + face);
         if (i + 2 < faces.size() && faces[i + 2].key == faces[i].key)
             return invalid_input(name + ": " + face + " belongs to more than 2 tetrahedra (" +
-                                 std::to_string(faces[i].tet) + ", " + std::to_string(faces[i + 1].tet) +
-                                 ", " + std::to_string(faces[i + 2].tet) + ")");
+                                 std::to_string(faces[i].tet) + ", " + std::to_string(faces[i + 1].tet) + ", " +
+                                 std::to_string(faces[i + 2].tet) + ")");
     }
     return {};
 }
@@ -101,14 +99,12 @@ Status check_body_mesh(const TetMeshData& mesh, const std::string& name) {
 
     double extent = 0.0;
     for (std::size_t k = 0; k < 3; ++k) {
-        const auto [low, high] =
-            std::minmax_element(mesh.nodes.begin(), mesh.nodes.end(),
-                                [k](const Point& a, const Point& b) { return a[k] < b[k]; });
+        const auto [low, high] = std::minmax_element(mesh.nodes.begin(), mesh.nodes.end(),
+                                                     [k](const Point& a, const Point& b) { return a[k] < b[k]; });
         extent = std::max(extent, (*high)[k] - (*low)[k]);
     }
     if (extent > kLargestBody_m)
-        return invalid_input(name + ": the body is " + to_text(extent) + " m long, at most " +
-                             to_text(kLargestBody_m) +
+        return invalid_input(name + ": the body is " + to_text(extent) + " m long, at most " + to_text(kLargestBody_m) +
                              " m is allowed; are the coordinates in millimetres? They must be in metres");
     if (extent < kSmallestBody_m)
         return invalid_input(name + ": the body is " + to_text(extent) + " m long, at least " +

@@ -163,21 +163,18 @@ SurfacePoint Surface::closest(const Point& query_m) const {
             const double high = grid_origin_[k] + cell_m_ * grid_size_[k];
             const double inside = std::clamp(query_m[k], grid_origin_[k], high);
             outside2 += (query_m[k] - inside) * (query_m[k] - inside);
-            center[k] =
-                std::clamp(static_cast<int>((inside - grid_origin_[k]) / cell_m_), 0, grid_size_[k] - 1);
+            center[k] = std::clamp(static_cast<int>((inside - grid_origin_[k]) / cell_m_), 0, grid_size_[k] - 1);
             max_radius = std::max(max_radius, grid_size_[k]);
         }
         for (int r = 0; r <= max_radius; ++r) {
             // the box is convex: |query - x|^2 >= |query - clamped|^2 + |clamped - x|^2 for x inside it
             const double nearest = (r - 1) * cell_m_;
-            if (r > 0 && best.distance_m * best.distance_m < outside2 + nearest * std::max(nearest, 0.0))
-                break;
+            if (r > 0 && best.distance_m * best.distance_m < outside2 + nearest * std::max(nearest, 0.0)) break;
             for (int z = std::max(center[2] - r, 0); z <= std::min(center[2] + r, grid_size_[2] - 1); ++z)
                 for (int y = std::max(center[1] - r, 0); y <= std::min(center[1] + r, grid_size_[1] - 1); ++y)
-                    for (int x = std::max(center[0] - r, 0); x <= std::min(center[0] + r, grid_size_[0] - 1);
-                         ++x) {
-                        const int ring = std::max(
-                            {std::abs(x - center[0]), std::abs(y - center[1]), std::abs(z - center[2])});
+                    for (int x = std::max(center[0] - r, 0); x <= std::min(center[0] + r, grid_size_[0] - 1); ++x) {
+                        const int ring =
+                            std::max({std::abs(x - center[0]), std::abs(y - center[1]), std::abs(z - center[2])});
                         if (ring != r) continue;
                         for (const std::int32_t t :
                              grid_[static_cast<std::size_t>((z * grid_size_[1] + y) * grid_size_[0] + x)])
@@ -187,8 +184,8 @@ SurfacePoint Surface::closest(const Point& query_m) const {
     }
     const auto& [a, b, c] = triangles_[static_cast<std::size_t>(best.triangle)];
     const Point& A = positions_[static_cast<std::size_t>(a)];
-    const Point n = cross(minus(positions_[static_cast<std::size_t>(b)], A),
-                          minus(positions_[static_cast<std::size_t>(c)], A));
+    const Point n =
+        cross(minus(positions_[static_cast<std::size_t>(b)], A), minus(positions_[static_cast<std::size_t>(c)], A));
     best.normal = times(1.0 / norm(n), n);
     return best;
 }

@@ -29,8 +29,7 @@ Result<std::string> read_text_file(const std::filesystem::path& file) {
     if (status.type() == std::filesystem::file_type::not_found)
         return invalid_input(file.string() + ": file not found");
     if (status.type() != std::filesystem::file_type::regular)
-        return invalid_input(file.string() + ": not a regular file" +
-                             (code ? " (" + code.message() + ")" : ""));
+        return invalid_input(file.string() + ": not a regular file" + (code ? " (" + code.message() + ")" : ""));
     const std::uintmax_t size = std::filesystem::file_size(file, code);
     if (code) return invalid_input(file.string() + ": " + code.message());
     if (size > kMaxTextFileBytes)

@@ -15,8 +15,7 @@ Status write_text_file(const std::filesystem::path& file, std::string_view text)
         stream.flush();
         if (!stream) {
             std::filesystem::remove(part, code);
-            return host_fault(file.string() +
-                              ": cannot be written (folder missing, no permission or disk full)");
+            return host_fault(file.string() + ": cannot be written (folder missing, no permission or disk full)");
         }
     }
     std::filesystem::rename(part, file, code);

@@ -76,8 +76,8 @@ class VtkParser {
         TERES_TRY_ASSIGN(const std::string_view text, word(what));
         const auto value = parse_integer(text);
         if (!value || *value < min || *value > max)
-            return wrong(in_quotes(text) + ", expected " + what + ", an integer in [" + std::to_string(min) +
-                         ", " + std::to_string(max) + "]");
+            return wrong(in_quotes(text) + ", expected " + what + ", an integer in [" + std::to_string(min) + ", " +
+                         std::to_string(max) + "]");
         return *value;
     }
     // Announced number of items that need `numbers_each` numbers each; bounded by what the file can hold, so
@@ -85,8 +85,7 @@ class VtkParser {
     Result<std::size_t> count(const char* what, std::size_t numbers_each) {
         TERES_TRY_ASSIGN(const std::int64_t n, integer(what, 0, std::numeric_limits<std::int32_t>::max()));
         if (static_cast<std::size_t>(n) > (cursor_.bytes_left() + 1) / (2 * numbers_each))
-            return wrong(std::string(what) + " " + std::to_string(n) +
-                         " is more than the rest of the file can hold (" +
+            return wrong(std::string(what) + " " + std::to_string(n) + " is more than the rest of the file can hold (" +
                          std::to_string(cursor_.bytes_left()) + " bytes); truncated?");
         return static_cast<std::size_t>(n);
     }
@@ -157,8 +156,8 @@ class VtkParser {
         TERES_TRY(word("type of the offsets"));
         const std::size_t n = num_offsets > 0 ? num_offsets - 1 : 0;
         if (size != 4 * n)
-            return wrong("CELLS " + std::to_string(num_offsets) + " " + std::to_string(size) +
-                         ": size must be " + std::to_string(4 * n) + " for tetrahedra");
+            return wrong("CELLS " + std::to_string(num_offsets) + " " + std::to_string(size) + ": size must be " +
+                         std::to_string(4 * n) + " for tetrahedra");
         for (std::size_t i = 0; i < num_offsets; ++i) {
             const auto expected = static_cast<std::int64_t>(4 * i);
             TERES_TRY(integer("offset of a tetrahedron", expected, expected));
@@ -180,10 +179,8 @@ class VtkParser {
         if (!have_cells_) return wrong("CELL_TYPES before CELLS");
         TERES_TRY_ASSIGN(const std::size_t n, count("number of cell types", 1));
         if (n != mesh_.tets.size())
-            return wrong("CELL_TYPES " + std::to_string(n) + ", expected " +
-                         std::to_string(mesh_.tets.size()));
-        for (std::size_t i = 0; i < n; ++i)
-            TERES_TRY(integer("cell type (tetrahedra only)", kVtkTetra, kVtkTetra));
+            return wrong("CELL_TYPES " + std::to_string(n) + ", expected " + std::to_string(mesh_.tets.size()));
+        for (std::size_t i = 0; i < n; ++i) TERES_TRY(integer("cell type (tetrahedra only)", kVtkTetra, kVtkTetra));
         return {};
     }
 
@@ -247,8 +244,7 @@ class VtkParser {
         auto next = cursor_.next_word();
         if (next && cursor_.line() == line) {
             const auto given = parse_integer(*next);
-            if (!given || *given < 1 || *given > 4)
-                return wrong(in_quotes(*next) + ", expected 1 to 4 components");
+            if (!given || *given < 1 || *given > 4) return wrong(in_quotes(*next) + ", expected 1 to 4 components");
             components = *given;
             before = cursor_;
             next = cursor_.next_word();
@@ -259,8 +255,7 @@ class VtkParser {
             cursor_ = before;
         }
         if (!cell_data_ || attribute != "region") return skip_numbers(num_tuples_, components);
-        if (components != 1)
-            return wrong("region has " + std::to_string(components) + " components, expected 1");
+        if (components != 1) return wrong("region has " + std::to_string(components) + " components, expected 1");
         if (!mesh_.region.empty()) return wrong("region appears twice");
         return read_region();
     }
@@ -272,8 +267,7 @@ class VtkParser {
             TERES_TRY_ASSIGN(const std::size_t components, count("components", 1));
             TERES_TRY_ASSIGN(const std::size_t tuples, count("tuples", 1));
             TERES_TRY(word("type"));
-            const bool is_region =
-                cell_data_ && array == "region" && components == 1 && tuples == num_tuples_;
+            const bool is_region = cell_data_ && array == "region" && components == 1 && tuples == num_tuples_;
             if (is_region && mesh_.region.empty()) {
                 TERES_TRY(read_region());
             } else {
@@ -317,8 +311,8 @@ Result<TetMeshData> parse_vtk_tets(std::string_view text, const std::string& nam
         const double edge = longest_edge_m(mesh, i);
         const std::string what = parser.place_of_tet(i) + ": tetrahedron " + std::to_string(i);
         if (!(std::abs(volume) > 1e-6 * edge * edge * edge / 8.485281374))
-            return invalid_input(what + " is degenerate: volume " + to_text(volume) +
-                                 " m^3 at a longest edge of " + to_text(edge) + " m");
+            return invalid_input(what + " is degenerate: volume " + to_text(volume) + " m^3 at a longest edge of " +
+                                 to_text(edge) + " m");
         if (volume < 0.0 && !keep_order)
             return invalid_input(what + " is inverted: volume " + to_text(volume) + " m^3, must be above 0");
     }

@@ -12,8 +12,7 @@ namespace {
 constexpr int kVtkLine = 3, kVtkTetra = 10;
 
 std::string frame_text(const TetMeshData& mesh, const VtkFrame& frame, const std::string& title) {
-    const std::size_t num_nodes = mesh.nodes.size(), num_tets = mesh.tets.size(),
-                      num_springs = frame.springs.size();
+    const std::size_t num_nodes = mesh.nodes.size(), num_tets = mesh.tets.size(), num_springs = frame.springs.size();
     TextWriter out(' ');
     out.line("# vtk DataFile Version 3.0");
     out.line(title);
@@ -58,8 +57,7 @@ std::string frame_text(const TetMeshData& mesh, const VtkFrame& frame, const std
 
 }  // namespace
 
-Result<VtkSeries> VtkSeries::make(const std::filesystem::path& folder, std::string name,
-                                  const TetMeshData& mesh) {
+Result<VtkSeries> VtkSeries::make(const std::filesystem::path& folder, std::string name, const TetMeshData& mesh) {
     std::error_code code;
     std::filesystem::create_directories(folder, code);
     if (code) return host_fault(folder.string() + ": cannot be made: " + code.message());
@@ -72,14 +70,12 @@ Status VtkSeries::add(const VtkFrame& frame) {
         return invalid_input("VTK frame of " + name_ + ": " + std::to_string(frame.positions_m.size()) +
                              " coordinates, expected " + std::to_string(3 * num_nodes));
     if (!frame.attachment_probability.empty() && frame.attachment_probability.size() != num_nodes)
-        return invalid_input("VTK frame of " + name_ + ": " +
-                             std::to_string(frame.attachment_probability.size()) +
+        return invalid_input("VTK frame of " + name_ + ": " + std::to_string(frame.attachment_probability.size()) +
                              " probabilities, expected " + std::to_string(num_nodes));
     for (const VtkSpring& spring : frame.springs)
         if (spring.node_id < 0 || static_cast<std::size_t>(spring.node_id) >= num_nodes)
-            return invalid_input("VTK frame of " + name_ + ": spring on node " +
-                                 std::to_string(spring.node_id) + ", the mesh has " +
-                                 std::to_string(num_nodes));
+            return invalid_input("VTK frame of " + name_ + ": spring on node " + std::to_string(spring.node_id) +
+                                 ", the mesh has " + std::to_string(num_nodes));
     char number[16];
     std::snprintf(number, sizeof number, "_%04zu.vtk", files_.size());
     const std::string file = name_ + number;

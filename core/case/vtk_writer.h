@@ -35,8 +35,7 @@ struct VtkFrame {
 class VtkSeries {
   public:
     /// Files <folder>/<name>_0000.vtk ...; the folder is made. `mesh` must outlive this.
-    static Result<VtkSeries> make(const std::filesystem::path& folder, std::string name,
-                                  const TetMeshData& mesh);
+    static Result<VtkSeries> make(const std::filesystem::path& folder, std::string name, const TetMeshData& mesh);
     /// Errors: kInvalidInput if a size does not match the mesh, kHostFault if the file cannot be written.
     Status add(const VtkFrame& frame);
     /// Writes <folder>/<name>.vtk.series, the file to open in ParaView, and returns its path.

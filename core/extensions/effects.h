@@ -17,14 +17,14 @@ enum class EffectRole : std::int32_t { kAmplitude = 0, kShape = 1 };
 enum class EffectTransform : std::int32_t { kIdentity = 0, kLog = 1 };  ///< of the prior and of the estimation
 
 struct EffectParameter {
-    const char* name;            ///< e.g. "center_x"; valid while the model lives
-    const char* unit;            ///< SI, "1" for ratios
+    const char* name;  ///< e.g. "center_x"; valid while the model lives
+    const char* unit;  ///< SI, "1" for ratios
     EffectRole role;
     EffectTransform transform;
-    double null_value;           ///< physical value at which the effect vanishes (amplitudes)
-    double prior_mean;           ///< of the transformed value
-    double prior_stdev;          ///< of the transformed value
-    double lower, upper;         ///< physical bounds
+    double null_value;    ///< physical value at which the effect vanishes (amplitudes)
+    double prior_mean;    ///< of the transformed value
+    double prior_stdev;   ///< of the transformed value
+    double lower, upper;  ///< physical bounds
 };
 
 struct EffectInfo {
@@ -36,12 +36,12 @@ struct EffectInfo {
     const char* not_applicable;  ///< null, or why this case cannot show it ("no tool moves", "quasi-static recording")
     std::int32_t num_parameters;
     std::int32_t num_candidates;
-    bool event;                  ///< has an onset: what is learnt before it does not predict what comes after
+    bool event;  ///< has an onset: what is learnt before it does not predict what comes after
 };
 
 /// One effect switched on: `values` has effect(index).num_parameters physical values.
 struct EffectInstance {
-    std::int32_t index;          ///< in the catalogue of the model that is called
+    std::int32_t index;  ///< in the catalogue of the model that is called
     std::span<const double> values;
 };
 
@@ -52,7 +52,8 @@ class EffectCatalogue {
     virtual EffectInfo effect(std::size_t index) const noexcept = 0;
     virtual EffectParameter effect_parameter(std::size_t effect, std::size_t parameter) const noexcept = 0;
     /// Writes candidate `candidate` of the effect (num_parameters values).
-    virtual void effect_candidate(std::size_t effect, std::size_t candidate, std::span<double> values) const noexcept = 0;
+    virtual void effect_candidate(std::size_t effect, std::size_t candidate,
+                                  std::span<double> values) const noexcept = 0;
 
   protected:
     ~EffectCatalogue() = default;

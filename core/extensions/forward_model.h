@@ -13,28 +13,28 @@ namespace teres {
 
 /// What is known to act during a step.
 struct ForwardInputs {
-    double time_s = 0.0;                        ///< end of the step
-    double dt_s = 0.0;                          ///< length of the step (dynamic); ignored when quasi-static
-    std::span<const double> region_force_n;     ///< 3 per load region, in the order of region_name()
-    std::span<const double> tool_position_m;    ///< 3 per tool, in the order of tool_name(); NaN: detached
+    double time_s = 0.0;                      ///< end of the step
+    double dt_s = 0.0;                        ///< length of the step (dynamic); ignored when quasi-static
+    std::span<const double> region_force_n;   ///< 3 per load region, in the order of region_name()
+    std::span<const double> tool_position_m;  ///< 3 per tool, in the order of tool_name(); NaN: detached
 };
 
 struct ForwardReport {
     std::int32_t lanes = 0;
-    std::int32_t lanes_converged = 0;     ///< met the residual criterion
-    std::int32_t iterations = 0;          ///< of the slowest lane
-    std::int32_t factorisations = 0;      ///< done in this call
-    double relative_residual = 0.0;       ///< largest over lanes: |r| / reference force
+    std::int32_t lanes_converged = 0;  ///< met the residual criterion
+    std::int32_t iterations = 0;       ///< of the slowest lane
+    std::int32_t factorisations = 0;   ///< done in this call
+    double relative_residual = 0.0;    ///< largest over lanes: |r| / reference force
 };
 
 /// A parameter theta[i] in physical units, with the model's prior knowledge of it.
 struct ForwardParameter {
-    const char* name;   ///< e.g. "ligament.r3.stiffness"; valid while the model lives
-    const char* unit;   ///< e.g. "N/m"
+    const char* name;  ///< e.g. "ligament.r3.stiffness"; valid while the model lives
+    const char* unit;  ///< e.g. "N/m"
     double prior_median;
-    double prior_log_stdev;    ///< > 0: prior is log-normal with this standard deviation of ln(theta); 0: see prior_stdev
-    double prior_stdev;        ///< used when prior_log_stdev is 0
-    double lower, upper;       ///< physical bounds (may be infinite)
+    double prior_log_stdev;  ///< > 0: prior is log-normal with this standard deviation of ln(theta); 0: see prior_stdev
+    double prior_stdev;      ///< used when prior_log_stdev is 0
+    double lower, upper;     ///< physical bounds (may be infinite)
     double attachment_threshold;  ///< theta above this counts as attached; 0: not a ligament parameter
 };
 
@@ -51,7 +51,8 @@ class ForwardModel {
 
     // Shape [setup]
     virtual std::size_t num_nodes() const = 0;
-    virtual std::size_t num_state() const = 0;  ///< 3 N (positions) quasi-static; then velocities and, by scheme, accelerations: 6 N or 9 N
+    virtual std::size_t num_state()
+        const = 0;  ///< 3 N (positions) quasi-static; then velocities and, by scheme, accelerations: 6 N or 9 N
     virtual std::size_t num_parameters() const = 0;
     virtual ForwardParameter parameter(std::size_t index) const = 0;
     virtual std::size_t num_attachment_nodes() const = 0;
@@ -60,15 +61,16 @@ class ForwardModel {
     virtual const char* region_name(std::size_t index) const = 0;
     virtual std::size_t num_tools() const = 0;
     virtual const char* tool_name(std::size_t index) const = 0;
-    virtual std::size_t num_markers() const = 0;               ///< markers that observe() returns, in case order
+    virtual std::size_t num_markers() const = 0;  ///< markers that observe() returns, in case order
     virtual std::int32_t marker_id(std::size_t index) const = 0;
-    virtual std::size_t num_points() const = 0;                ///< validation points, in case order
+    virtual std::size_t num_points() const = 0;  ///< validation points, in case order
     virtual std::int32_t point_id(std::size_t index) const = 0;
     virtual void rest_state(std::span<double> x) const = 0;
 
     // [loop]
     /// Advances every lane in place: X (num_state x lanes) holds the start of the step (quasi-static: a start value)
-    /// and receives its end. theta: num_parameters x lanes, physical. A lane that did not converge keeps its best iterate.
+    /// and receives its end. theta: num_parameters x lanes, physical. A lane that did not converge keeps its best
+    /// iterate.
     virtual ForwardReport advance(const ForwardInputs& inputs, std::span<const double> theta, std::span<double> X,
                                   std::size_t lanes) noexcept = 0;
     /// Marker positions of every lane: Z is (3 num_markers) x lanes [m].

@@ -14,23 +14,24 @@ namespace teres {
 struct GapRecording {
     const char* name;
     TrajectoryModel* mechanics;
-    const ObservationModel* sensors;       ///< null: no sensor effects
-    std::span<const double> observed_m;    ///< 3 markers x frames, layout of TrajectoryModel; NaN: lost
-    double noise_sigma_m;                  ///< stated, per axis
-    std::uint64_t body_hash;               ///< of mesh, law, supports and markers: names the cache
+    const ObservationModel* sensors;     ///< null: no sensor effects
+    std::span<const double> observed_m;  ///< 3 markers x frames, layout of TrajectoryModel; NaN: lost
+    double noise_sigma_m;                ///< stated, per axis
+    std::uint64_t body_hash;             ///< of mesh, law, supports and markers: names the cache
 
-    // A long dynamic recording is fitted on its beginning (the models above); these are of all of it. Null: those above are.
+    // A long dynamic recording is fitted on its beginning (the models above); these are of all of it. Null: those above
+    // are.
     TrajectoryModel* whole_mechanics = nullptr;
     const ObservationModel* whole_sensors = nullptr;
     std::span<const double> whole_observed_m{};
 };
 
 struct GapRequest {
-    std::span<const GapRecording> recordings;   ///< the first is fitted and named, the others only predicted
-    std::span<const char* const> excluded;      ///< effect ids left out of the catalogue
-    const char* cache_folder;                   ///< of discrepancy ensembles; empty: none is kept
-    bool plan_only;                             ///< identifiability from signatures alone, observations unused
-    std::int32_t max_effects;                   ///< simultaneous effects, >= 1
+    std::span<const GapRecording> recordings;  ///< the first is fitted and named, the others only predicted
+    std::span<const char* const> excluded;     ///< effect ids left out of the catalogue
+    const char* cache_folder;                  ///< of discrepancy ensembles; empty: none is kept
+    bool plan_only;                            ///< identifiability from signatures alone, observations unused
+    std::int32_t max_effects;                  ///< simultaneous effects, >= 1
     bool (*progress)(void* user, const char* stage, double part);  ///< part in [0, 1]; false cancels; may be null
     void* user;
 };

@@ -10,9 +10,9 @@ namespace teres {
 
 enum class CutOutcome {
     kDone,
-    kUnknownIndex,    ///< a tetrahedron or parameter that does not exist: nothing changed
-    kNothingHolds,    ///< nothing of the body would still be held: nothing changed
-    kNotSupported,    ///< the model's elements cannot be cut: nothing changed
+    kUnknownIndex,  ///< a tetrahedron or parameter that does not exist: nothing changed
+    kNothingHolds,  ///< nothing of the body would still be held: nothing changed
+    kNotSupported,  ///< the model's elements cannot be cut: nothing changed
 };
 
 struct CutReport {
@@ -24,9 +24,10 @@ class Topology {
   public:
     static constexpr const char* kId = "teres.topology/1";
 
-    /// [loop] From the next advance() on: tetrahedra (of mesh.vtk; those gone already are passed over) are taken away, and
-    /// with them every piece that nothing holds any more; the ligaments or springs of the parameters act on nothing. Nodes
-    /// without tissue rest where they were at first; a load whose nodes are partly gone acts on those that are left.
+    /// [loop] From the next advance() on: tetrahedra (of mesh.vtk; those gone already are passed over) are taken away,
+    /// and with them every piece that nothing holds any more; the ligaments or springs of the parameters act on
+    /// nothing. Nodes without tissue rest where they were at first; a load whose nodes are partly gone acts on those
+    /// that are left.
     virtual CutReport cut(std::span<const std::int32_t> tets, std::span<const std::int32_t> parameters) noexcept = 0;
     /// [loop] The marker (index of the forward model) went with the tissue it sat on.
     virtual bool marker_lost(std::size_t index) const noexcept = 0;

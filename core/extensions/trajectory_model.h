@@ -37,8 +37,8 @@ class TrajectoryModel : public EffectCatalogue {
     virtual double time_s(std::size_t frame) const noexcept = 0;
     /// The body has inertia: a frame follows from those before it, and every frame is played.
     virtual bool dynamic() const noexcept { return false; }
-    /// Until the next call only so many frames from the first are simulated, later ones repeat the last of them; 0: all.
-    /// For trial fits of a beginning; models without inertia may ignore it.
+    /// Until the next call only so many frames from the first are simulated, later ones repeat the last of them; 0:
+    /// all. For trial fits of a beginning; models without inertia may ignore it.
     virtual void set_horizon(std::size_t) noexcept {}
     virtual std::size_t num_markers() const noexcept = 0;
     virtual std::int32_t marker_id(std::size_t index) const noexcept = 0;
@@ -47,38 +47,41 @@ class TrajectoryModel : public EffectCatalogue {
 
     /// Surface of the nominal mesh for maps and pictures.
     virtual std::size_t num_nodes() const noexcept = 0;
-    virtual void rest_positions(std::span<double> x_m) const noexcept = 0;                    ///< 3 per node
+    virtual void rest_positions(std::span<double> x_m) const noexcept = 0;  ///< 3 per node
     virtual std::size_t num_surface_triangles() const noexcept = 0;
-    virtual void surface_triangles(std::span<std::int32_t> node) const noexcept = 0;          ///< 3 per triangle
+    virtual void surface_triangles(std::span<std::int32_t> node) const noexcept = 0;  ///< 3 per triangle
 
     /// Simulates the recording under `h`. Empty outputs are not written. nodes: positions of all nodes,
     /// f * 3 N + 3 i + a. The trajectory is kept as the base of first_order().
     virtual TrajectoryReport simulate(const Hypothesis& h, std::span<double> markers_m, std::span<double> points_m,
                                       std::span<double> nodes_m) noexcept = 0;
 
-    /// simulate() at a fraction of its cost where the recording allows it: only frames between which the change from the last
-    /// simulate() does not follow from its first order are solved; between them the rest of the change is interpolated in time.
+    /// simulate() at a fraction of its cost where the recording allows it: only frames between which the change from
+    /// the last simulate() does not follow from its first order are solved; between them the rest of the change is
+    /// interpolated in time.
     virtual TrajectoryReport approximate(const Hypothesis& h, std::span<double> markers_m) noexcept {
         return simulate(h, markers_m, {}, {});
     }
 
-    /// First-order response of markers (and points if not empty) when hypothesis `base` (that of the last simulate() or approximate()) is
-    /// replaced by each of `others`: quasi-static, per frame  K(x; base) dx = -dg, dg the derivative of the gradient
-    /// g(x; .) from `base` towards `other` along the transformed parameters (ln theta; amplitudes from their null value
-    /// where `base` has not the effect). Column k of the output (3 M F rows each) is the change of the marker trajectory.
+    /// First-order response of markers (and points if not empty) when hypothesis `base` (that of the last simulate() or
+    /// approximate()) is replaced by each of `others`: quasi-static, per frame  K(x; base) dx = -dg, dg the derivative
+    /// of the gradient g(x; .) from `base` towards `other` along the transformed parameters (ln theta; amplitudes from
+    /// their null value where `base` has not the effect). Column k of the output (3 M F rows each) is the change of the
+    /// marker trajectory.
     virtual bool first_order(std::span<const Hypothesis> others, std::span<double> markers_m,
                              std::span<double> points_m) noexcept = 0;
 
-    /// Response of markers to a unit force [m/N] on a node, per frame, at the last trajectory: out[(f * 3 M + r) * 3 + b]
-    /// for marker row r and force direction b.
+    /// Response of markers to a unit force [m/N] on a node, per frame, at the last trajectory: out[(f * 3 M + r) * 3 +
+    /// b] for marker row r and force direction b.
     virtual bool marker_compliance(std::int32_t node, std::span<double> out) const noexcept = 0;
 
-    /// Other models of the same nominal body (finer discretisation, other laws): their difference from the nominal one is
-    /// what may not be blamed on the patient.
+    /// Other models of the same nominal body (finer discretisation, other laws): their difference from the nominal one
+    /// is what may not be blamed on the patient.
     virtual std::size_t num_variants() const noexcept = 0;
     virtual const char* variant_name(std::size_t index) const noexcept = 0;
     /// Simulates variant `index` at the given frames only (ascending); markers_m has 3 M per listed frame.
-    virtual TrajectoryReport simulate_variant(std::size_t index, const Hypothesis& h, std::span<const std::int32_t> frames,
+    virtual TrajectoryReport simulate_variant(std::size_t index, const Hypothesis& h,
+                                              std::span<const std::int32_t> frames,
                                               std::span<double> markers_m) noexcept = 0;
 
   protected:
@@ -92,7 +95,8 @@ class ObservationModel : public EffectCatalogue {
 
     /// observed = true positions as seen with the effects switched on; time_s has one entry per frame.
     virtual void observe(std::span<const EffectInstance> effects, std::span<const double> time_s,
-                         std::span<const double> markers_true_m, std::span<double> markers_observed_m) const noexcept = 0;
+                         std::span<const double> markers_true_m,
+                         std::span<double> markers_observed_m) const noexcept = 0;
     /// Factor on the stated noise of every marker (the effect `noise`); 1 without it.
     virtual double noise_factor(std::span<const EffectInstance> effects) const noexcept = 0;
 

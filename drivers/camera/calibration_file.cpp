@@ -96,9 +96,8 @@ Result<std::optional<camera_info_t>> read_calibration(const std::filesystem::pat
     const double scale = width_px / width;
     if (std::abs(scale - height_px / height) > 1e-3 * scale)
         return invalid_input(file.string() + ": calibrated at " + std::to_string(static_cast<int>(width)) + "x" +
-                             std::to_string(static_cast<int>(height)) + ", the stream of " +
-                             std::to_string(width_px) + "x" + std::to_string(height_px) +
-                             " has another aspect ratio");
+                             std::to_string(static_cast<int>(height)) + ", the stream of " + std::to_string(width_px) +
+                             "x" + std::to_string(height_px) + " has another aspect ratio");
     info.fx_px *= scale;
     info.fy_px *= scale;
     // Pixel centres at integers: the image's corner lies at -0.5.

@@ -48,8 +48,8 @@ Result<std::vector<std::pair<std::string, std::int64_t>>> parse_controls(const s
         const std::string number = equals == std::string::npos ? "" : trimmed(part.substr(equals + 1));
         std::int64_t value = 0;
         const auto read = std::from_chars(number.data(), number.data() + number.size(), value);
-        if (name.empty() || read.ec != std::errc{} || read.ptr != number.data() + number.size() ||
-            value < INT32_MIN || value > INT32_MAX)
+        if (name.empty() || read.ec != std::errc{} || read.ptr != number.data() + number.size() || value < INT32_MIN ||
+            value > INT32_MAX)
             return invalid_input("control '" + part + "' is not NAME=INTEGER");
         controls.emplace_back(name, value);
     }
@@ -144,8 +144,7 @@ Result<VideoNode> CameraStream::find() {
             if (identity && (identity->serial == wanted || identity->asic_serial == wanted)) return node;
         }
     }
-    if (named)
-        return invalid_input("camera " + wanted + " offers no " + fourcc_text(settings_.capture.fourcc));
+    if (named) return invalid_input("camera " + wanted + " offers no " + fourcc_text(settings_.capture.fourcc));
     return host_fault("camera " + wanted + " is not connected" +
                       (there.empty() ? "; there is no video device" : "; there are: " + there));
 }
@@ -182,7 +181,8 @@ Status CameraStream::open_device(const VideoNode& node) {
         warning_ = "on a USB 2 link (" + std::to_string(node.usb_mbps) +
                    " Mbit/s): frames will be lost or slow; use a USB 3 port and cable";
     else if (format.rate_hz > 0.0 && format.rate_hz < 0.95 * settings_.capture.rate_hz)
-        warning_ = std::to_string(format.rate_hz) + " Hz offered, " + std::to_string(settings_.capture.rate_hz) + " asked";
+        warning_ =
+            std::to_string(format.rate_hz) + " Hz offered, " + std::to_string(settings_.capture.rate_hz) + " asked";
     const std::lock_guard lock(mutex_);
     ++info_.number;
     info_.format = format;
@@ -198,7 +198,8 @@ Status CameraStream::apply_controls() {
     return first;
 }
 
-// From the device itself, else from the file of its serial number; what is wrong with them is told and nothing published.
+// From the device itself, else from the file of its serial number; what is wrong with them is told and nothing
+// published.
 std::optional<camera_info_t> CameraStream::read_info(const VideoNode& node) {
     if (control_fd_ >= 0) {
         if (auto camera = RealSense::attach(calls_, control_fd_)) {
@@ -273,8 +274,9 @@ void CameraStream::recover(RecoveryStep step, std::int64_t now_us) {
             watch_.gone();  // until it is back
             break;
         case RecoveryStep::kAdvisePowerCycle:
-            advice_ = "; no frames in spite of restart and reset: unplug the camera and plug it in again, on another port "
-                      "if it persists";
+            advice_ =
+                "; no frames in spite of restart and reset: unplug the camera and plug it in again, on another port "
+                "if it persists";
             break;
         case RecoveryStep::kNone:
             break;
@@ -346,7 +348,9 @@ void CameraStream::share() {
     shared_.state = watch_.state();
     shared_.serial = watch_.state() == DeviceState::kAbsent ? settings_.device : node_.serial;
     shared_.node = watch_.state() == DeviceState::kAbsent ? "" : node_.node.string();
-    shared_.detail = !fault_.empty() || !advice_.empty() ? fault_ + advice_ : watch_.state() == DeviceState::kAbsent ? "" : warning_;
+    shared_.detail = !fault_.empty() || !advice_.empty()      ? fault_ + advice_
+                     : watch_.state() == DeviceState::kAbsent ? ""
+                                                              : warning_;
     shared_.last_us = newest_us_ < 0 ? 0 : newest_us_;
     shared_.received = received_;
     shared_.lost = lost_before_ + (device_ ? device_->lost() : 0) + overrun_;

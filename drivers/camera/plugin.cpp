@@ -28,22 +28,25 @@ struct CameraSettings {
 
     template <class V>
     void visit(V& field) {
-#define TERES_STREAM(name, what)                                                                                    \
-    field(#name "_device", name.device, "", what ": serial number, vendor:product as 8086:0b07, or name of a card; empty: none"); \
-    field(#name "_format", name.format, "", what ": V4L2 format, e.g. YUYV, UYVY, RGB3, BGR3, GREY, MJPG, Z16");    \
-    field(#name "_width_px", name.width_px, {16, 8192}, what ": width");                                            \
-    field(#name "_height_px", name.height_px, {16, 8192}, what ": height");                                         \
-    field(#name "_rate_hz", name.rate_hz, {0.0, 240.0}, what ": frame rate; 0: what the device does");               \
+#define TERES_STREAM(name, what)                                                                                 \
+    field(#name "_device", name.device, "",                                                                      \
+          what ": serial number, vendor:product as 8086:0b07, or name of a card; empty: none");                  \
+    field(#name "_format", name.format, "", what ": V4L2 format, e.g. YUYV, UYVY, RGB3, BGR3, GREY, MJPG, Z16"); \
+    field(#name "_width_px", name.width_px, {16, 8192}, what ": width");                                         \
+    field(#name "_height_px", name.height_px, {16, 8192}, what ": height");                                      \
+    field(#name "_rate_hz", name.rate_hz, {0.0, 240.0}, what ": frame rate; 0: what the device does");           \
     field(#name "_controls", name.controls, "", what ": V4L2 controls, as in gain=16, exposure_time_absolute=100");
         TERES_STREAM(color, "CAMERA_COLOR")
         TERES_STREAM(depth, "CAMERA_DEPTH")
         TERES_STREAM(left, "CAMERA_LEFT")
         TERES_STREAM(right, "CAMERA_RIGHT")
 #undef TERES_STREAM
-        field("buffers", buffers, "auto|mmap|userptr|read", "how frames come from the kernel; auto: the first that works");
+        field("buffers", buffers, "auto|mmap|userptr|read",
+              "how frames come from the kernel; auto: the first that works");
         field("calibration_folder", calibration_folder,
               "<serial>.toml of cameras that do not know their own calibration; empty: none");
-        field("stale_after_s", stale_after_s, {0.02, 60.0}, "a stream silent for longer is stale; older frames are dropped");
+        field("stale_after_s", stale_after_s, {0.02, 60.0},
+              "a stream silent for longer is stale; older frames are dropped");
         field("step_after_s", step_after_s, {0.05, 60.0},
               "time between restart of the stream, re-opening, reset of the device");
         field("retry_after_s", retry_after_s, {0.1, 600.0}, "time to the first frame, and between later attempts");
@@ -64,8 +67,9 @@ class CameraDriver final : public Unit {
         TERES_TRY(add("left", "CAMERA_LEFT", settings.left));
         TERES_TRY(add("right", "CAMERA_RIGHT", settings.right));
         if (lanes_.empty())
-            return invalid_input("camera: no device is named; `teres doctor` lists what is connected, e.g. "
-                                 "camera.color_device = \"8086:0b07\"");
+            return invalid_input(
+                "camera: no device is named; `teres doctor` lists what is connected, e.g. "
+                "camera.color_device = \"8086:0b07\"");
         return {};
     }
 
@@ -115,7 +119,10 @@ class CameraDriver final : public Unit {
         if (section.device.empty()) return {};
         StreamSettings stream;
         stream.device = section.device;
-        stream.capture = {fourcc_of(section.format), section.width_px, section.height_px, section.rate_hz,
+        stream.capture = {fourcc_of(section.format),
+                          section.width_px,
+                          section.height_px,
+                          section.rate_hz,
                           settings.buffers == "auto" || settings.buffers == "mmap",
                           settings.buffers == "auto" || settings.buffers == "userptr",
                           settings.buffers == "auto" || settings.buffers == "read"};
@@ -127,9 +134,15 @@ class CameraDriver final : public Unit {
         stream.calibration_folder = settings.calibration_folder;
         const auto us = [](double s) { return static_cast<std::int64_t>(1e6 * s); };
         stream.limits = {us(settings.stale_after_s), us(settings.step_after_s), us(settings.retry_after_s)};
-        lanes_.push_back({name, channel, channel + "_INFO",
-                          std::make_shared<CameraStream>(linux_calls(), DeviceRoots{}, stream), std::nullopt,
-                          DeviceReporter("camera." + name), {}, {}, {}});
+        lanes_.push_back({name,
+                          channel,
+                          channel + "_INFO",
+                          std::make_shared<CameraStream>(linux_calls(), DeviceRoots{}, stream),
+                          std::nullopt,
+                          DeviceReporter("camera." + name),
+                          {},
+                          {},
+                          {}});
         return {};
     }
 

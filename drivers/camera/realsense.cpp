@@ -96,8 +96,8 @@ Result<Bytes> answer_data(std::uint32_t opcode, std::span<const std::uint8_t> pa
                                            : "answer to command " + std::to_string(echo)));
     const auto length = value_at<std::uint32_t>(packet, kAtDataLength);
     if (length > kAtDataLength - 4)
-        return host_fault(name + ("announces " + std::to_string(length) + " bytes, above " +
-                                  std::to_string(kAtDataLength - 4)));
+        return host_fault(
+            name + ("announces " + std::to_string(length) + " bytes, above " + std::to_string(kAtDataLength - 4)));
     const auto data = packet.subspan(4, length > 0 ? length : kAtDataLength - 4);
     return Bytes(data.begin(), data.end());
 }
@@ -170,8 +170,13 @@ Result<ColorCalibration> parse_color_table(std::span<const std::uint8_t> data, i
 
     ColorCalibration color;
     PinholeModel& model = color.model;
-    model = {width_px, height_px, 0.5 * fx * width_px, 0.5 * fy * height_px, 0.5 * (1.0 + cx) * width_px,
-             0.5 * (1.0 + cy) * height_px, {}};
+    model = {width_px,
+             height_px,
+             0.5 * fx * width_px,
+             0.5 * fy * height_px,
+             0.5 * (1.0 + cx) * width_px,
+             0.5 * (1.0 + cy) * height_px,
+             {}};
     if (!is_camera(model)) return host_fault("calibration table 32: its values are no camera");
     std::array<double, 5> inverse{};
     for (std::size_t i = 0; i < 5; ++i) inverse[i] = float_at(table, kAtDistortion + 4 * i);
@@ -214,7 +219,8 @@ Result<std::array<double, 5>> forward_distortion(const PinholeModel& model, cons
             const Eigen::Vector2d distorted((model.width_px * i / (kGrid - 1.0) - model.cx_px) / model.fx_px,
                                             (model.height_px * j / (kGrid - 1.0) - model.cy_px) / model.fy_px);
             const Eigen::Vector2d undistorted =
-                distorted + rows(distorted.x(), distorted.y()) * Eigen::Map<const Eigen::Matrix<double, 5, 1>>(inverse.data());
+                distorted +
+                rows(distorted.x(), distorted.y()) * Eigen::Map<const Eigen::Matrix<double, 5, 1>>(inverse.data());
             const int row = 2 * (i * kGrid + j);
             A.middleRows<2>(row) = rows(undistorted.x(), undistorted.y());
             b.segment<2>(row) = distorted - undistorted;
@@ -223,7 +229,8 @@ Result<std::array<double, 5>> forward_distortion(const PinholeModel& model, cons
     const Eigen::Matrix<double, 5, 1> k = A.colPivHouseholderQr().solve(b);
     const double worst_px = (A * k - b).cwiseAbs().maxCoeff() * std::max(model.fx_px, model.fy_px);
     if (!(worst_px < 1.0))
-        return host_fault("camera distortion cannot be inverted over the image: " + std::to_string(worst_px) + " px left");
+        return host_fault("camera distortion cannot be inverted over the image: " + std::to_string(worst_px) +
+                          " px left");
     Eigen::Map<Eigen::Matrix<double, 5, 1>>(forward.data()) = k;
     return forward;
 }

@@ -20,7 +20,9 @@ constexpr std::size_t kPage = 4096;
 constexpr std::size_t kMaxFrameBytes = std::size_t{64} << 20;
 constexpr int kMaxPixels = 16384;  // per side
 
-bool is_gone(int error) { return error == ENODEV || error == ENXIO || error == ESHUTDOWN; }
+bool is_gone(int error) {
+    return error == ENODEV || error == ENXIO || error == ESHUTDOWN;
+}
 
 // Bytes per pixel of the packed formats that are passed on; 0: compressed or not known to be packed.
 int bytes_per_pixel(std::uint32_t fourcc) {
@@ -116,8 +118,8 @@ Result<V4l2Device> V4l2Device::open(SystemCalls& calls, const std::filesystem::p
     device.request_ = request;
     v4l2_capability capability{};
     if (device.control(VIDIOC_QUERYCAP, &capability) < 0) return device.failed("VIDIOC_QUERYCAP");
-    const std::uint32_t can = (capability.capabilities & V4L2_CAP_DEVICE_CAPS) != 0 ? capability.device_caps
-                                                                                    : capability.capabilities;
+    const std::uint32_t can =
+        (capability.capabilities & V4L2_CAP_DEVICE_CAPS) != 0 ? capability.device_caps : capability.capabilities;
     if ((can & V4L2_CAP_VIDEO_CAPTURE) == 0) return invalid_input(node.string() + ": does not capture video");
     device.can_stream_ = (can & V4L2_CAP_STREAMING) != 0;
     device.can_read_ = (can & V4L2_CAP_READWRITE) != 0;
@@ -154,12 +156,11 @@ Status V4l2Device::negotiate(const CaptureRequest& request) {
         format_.row_stride_bytes = std::max(static_cast<int>(pixels.bytesperline), least);
         if (format_.row_stride_bytes > 4 * kMaxPixels)
             return host_fault(node_.string() + ": the driver answers with an impossible row length");
-        format_.frame_bytes = static_cast<std::size_t>(format_.row_stride_bytes) *
-                              static_cast<std::size_t>(format_.height_px);
+        format_.frame_bytes =
+            static_cast<std::size_t>(format_.row_stride_bytes) * static_cast<std::size_t>(format_.height_px);
         if (pixels.sizeimage < format_.frame_bytes)
             return host_fault(node_.string() + ": " + wanted + ": the driver's image size " +
-                              std::to_string(pixels.sizeimage) + " is below " +
-                              std::to_string(format_.frame_bytes));
+                              std::to_string(pixels.sizeimage) + " is below " + std::to_string(format_.frame_bytes));
     }
     if (format_.frame_bytes == 0 || format_.frame_bytes > kMaxFrameBytes)
         return host_fault(node_.string() + ": frames of " + std::to_string(format_.frame_bytes) +
@@ -323,9 +324,9 @@ V4l2Device::Outcome V4l2Device::next_from_queue(Frame& to) {
     to.data.assign(bytes, bytes + std::min(size, format_.frame_bytes));
     const bool flagged = (buffer.flags & V4L2_BUF_FLAG_ERROR) != 0;
     stamps_on_arrival_ = (buffer.flags & V4L2_BUF_FLAG_TIMESTAMP_MASK) != V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC;
-    const std::int64_t stamp_us = stamps_on_arrival_ ? calls_->now_us()
-                                                     : buffer.timestamp.tv_sec * std::int64_t{1'000'000} +
-                                                           buffer.timestamp.tv_usec;
+    const std::int64_t stamp_us = stamps_on_arrival_
+                                      ? calls_->now_us()
+                                      : buffer.timestamp.tv_sec * std::int64_t{1'000'000} + buffer.timestamp.tv_usec;
     if (!queue(buffer.index)) return gone_or_failed("VIDIOC_QBUF");
     if (flagged) {
         fault_ = "frame flagged as damaged by the driver";
@@ -338,14 +339,13 @@ V4l2Device::Outcome V4l2Device::next_from_queue(Frame& to) {
 V4l2Device::Outcome V4l2Device::accept(Frame& to, std::uint32_t device_sequence, std::int64_t capture_us) {
     const bool packed = format_.row_stride_bytes > 0;
     if (to.data.empty() || (packed && to.data.size() < format_.frame_bytes)) {
-        fault_ = "short frame: " + std::to_string(to.data.size()) + " of " + std::to_string(format_.frame_bytes) +
-                 " bytes";
+        fault_ =
+            "short frame: " + std::to_string(to.data.size()) + " of " + std::to_string(format_.frame_bytes) + " bytes";
         return Outcome::kDamaged;
     }
     // Modulo 2^32; a step back or none is an old frame.
-    const std::uint32_t ahead = device_sequence_ < 0
-                                    ? 1u
-                                    : device_sequence - static_cast<std::uint32_t>(device_sequence_);
+    const std::uint32_t ahead =
+        device_sequence_ < 0 ? 1u : device_sequence - static_cast<std::uint32_t>(device_sequence_);
     if (ahead == 0 || ahead > 0x7fffffffu || capture_us <= newest_us_) {
         fault_ = "repeated or out-of-order frame";
         return Outcome::kDamaged;

@@ -2,8 +2,8 @@
 // read), frames copied out with the stamp of the buffer. Nothing here waits longer than asked for, apart from the
 // kernel itself: call it from a thread of its own.
 //
-// Errors: kInvalidInput if the node cannot do what is asked (text: what it offers), kNotUsable if another program has it
-// or the user may not, kHostFault if a call failed.
+// Errors: kInvalidInput if the node cannot do what is asked (text: what it offers), kNotUsable if another program has
+// it or the user may not, kHostFault if a call failed.
 #pragma once
 
 #include <cstdint>
@@ -31,9 +31,9 @@ struct CaptureRequest {
 struct CaptureFormat {
     std::uint32_t fourcc = 0;
     int width_px = 0, height_px = 0;
-    int row_stride_bytes = 0;  ///< 0: compressed
+    int row_stride_bytes = 0;     ///< 0: compressed
     std::size_t frame_bytes = 0;  ///< of an uncompressed frame, exactly; of a compressed one, at most
-    double rate_hz = 0.0;      ///< 0: not told
+    double rate_hz = 0.0;         ///< 0: not told
 };
 
 struct Frame {

@@ -14,10 +14,10 @@ namespace teres {
 struct DeviceReport {
     DeviceState state = DeviceState::kAbsent;
     std::string serial, node;
-    std::string detail;             ///< newest fault or advice in words
-    std::int64_t last_us = 0;       ///< newest data; 0: none yet
+    std::string detail;        ///< newest fault or advice in words
+    std::int64_t last_us = 0;  ///< newest data; 0: none yet
     std::int64_t received = 0, lost = 0, damaged = 0, recoveries = 0;
-    int usb_mbps = 0;               ///< 0: unknown
+    int usb_mbps = 0;  ///< 0: unknown
     double temperature_c = std::numeric_limits<double>::quiet_NaN();
 };
 

@@ -15,9 +15,7 @@ class LinuxCalls final : public SystemCalls {
   public:
     int open(const char* path, int flags) override { return ::open(path, flags | O_CLOEXEC); }
     int close(int fd) override { return ::close(fd); }
-    int ioctl(int fd, unsigned long request, void* argument) override {
-        return ::ioctl(fd, request, argument);
-    }
+    int ioctl(int fd, unsigned long request, void* argument) override { return ::ioctl(fd, request, argument); }
     void* mmap(std::size_t length, int fd, std::int64_t offset) override {
         return ::mmap(nullptr, length, PROT_READ | PROT_WRITE, MAP_SHARED, fd, offset);
     }

@@ -62,8 +62,7 @@ std::vector<VideoNode> video_nodes(const DeviceRoots& roots) {
     const auto order = [](const VideoNode& node) {
         return std::atoi(node.node.filename().string().c_str() + 5);  // behind "video"
     };
-    std::sort(nodes.begin(), nodes.end(),
-              [&](const VideoNode& a, const VideoNode& b) { return order(a) < order(b); });
+    std::sort(nodes.begin(), nodes.end(), [&](const VideoNode& a, const VideoNode& b) { return order(a) < order(b); });
     return nodes;
 }
 

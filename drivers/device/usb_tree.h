@@ -1,5 +1,5 @@
-// Video nodes as sysfs shows them: a camera is chosen by serial number or by vendor:product, a card inside the machine by
-// its name, never by /dev/videoN, which changes with the order of plugging.
+// Video nodes as sysfs shows them: a camera is chosen by serial number or by vendor:product, a card inside the machine
+// by its name, never by /dev/videoN, which changes with the order of plugging.
 #pragma once
 
 #include <filesystem>
@@ -19,8 +19,8 @@ struct VideoNode {
     std::string serial;          ///< of the USB device; empty if it has none
     std::string id;              ///< "8086:0b07"; not on USB: the name its driver gives the node
     std::string product;
-    int usb_mbps = 0;            ///< 480: USB 2; 0: unknown
-    std::filesystem::path usb_node;  ///< /dev/bus/usb/BBB/DDD for a reset; empty: unknown
+    int usb_mbps = 0;                  ///< 480: USB 2; 0: unknown
+    std::filesystem::path usb_node;    ///< /dev/bus/usb/BBB/DDD for a reset; empty: unknown
     std::filesystem::path usb_device;  ///< folder in sysfs: the same for all nodes of one camera
 };
 

@@ -8,8 +8,7 @@ namespace teres {
 CaseStream::CaseStream(const Case& from)
     : frame_id_(from.name), sigma_m_(from.sensor.noise_sigma_m), rows_(from.observations), loads_(from) {
     for (std::size_t row = 0; row < rows_.size(); ++row) {
-        if (frames_.empty() || frames_.back().t_s != rows_[row].t_s)
-            frames_.push_back({rows_[row].t_s, row, row});
+        if (frames_.empty() || frames_.back().t_s != rows_[row].t_s) frames_.push_back({rows_[row].t_s, row, row});
         frames_.back().end = row + 1;
     }
 }
@@ -18,12 +17,10 @@ Result<std::unique_ptr<CaseStream>> CaseStream::make(const Case& from) {
     std::unique_ptr<CaseStream> stream(new CaseStream(from));
     const auto& frames = stream->frames_;
     if (frames.empty())
-        return invalid_input((from.folder / "observations.csv").string() +
-                             ": no observation, nothing to replay");
+        return invalid_input((from.folder / "observations.csv").string() + ": no observation, nothing to replay");
     std::vector<double> steps_s{from.dt_s};
     for (std::size_t i = 1; i < frames.size(); ++i) steps_s.push_back(frames[i].t_s - frames[i - 1].t_s);
-    std::nth_element(steps_s.begin(), steps_s.begin() + static_cast<std::ptrdiff_t>(steps_s.size() / 2),
-                     steps_s.end());
+    std::nth_element(steps_s.begin(), steps_s.begin() + static_cast<std::ptrdiff_t>(steps_s.size() / 2), steps_s.end());
     const double period_s = frames.back().t_s - frames.front().t_s + steps_s[steps_s.size() / 2];
     stream->period_us_ = std::max<std::int64_t>(1, std::llround(period_s * 1e6));
     return stream;

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "core/case/case.h"
-#include "core/result.h"
 #include "core/case/load_tracks.h"
+#include "core/result.h"
 #include "drivers/replay/stream.h"
 #include "teres/markers_t.hpp"
 

@@ -20,8 +20,7 @@ std::int64_t difference(std::int64_t a, std::int64_t b) {
 }
 
 void put_big_endian(std::int64_t value, std::uint8_t* to) {
-    for (int i = 0; i < 8; ++i)
-        to[i] = static_cast<std::uint8_t>(static_cast<std::uint64_t>(value) >> (56 - 8 * i));
+    for (int i = 0; i < 8; ++i) to[i] = static_cast<std::uint8_t>(static_cast<std::uint64_t>(value) >> (56 - 8 * i));
 }
 
 }  // namespace
@@ -45,10 +44,9 @@ Result<std::unique_ptr<LogStream>> LogStream::open(const Options& options) {
     }
     Packet first;
     if (!stream->read(first))
-        return invalid_input(
-            "log " + options.file.string() + ": no event on the channels '" + options.channels +
-            (options.skip_channels.empty() ? "'" : "' without '" + options.skip_channels + "'") +
-            (stream->damage_text().empty() ? "" : "; " + stream->damage_text()));
+        return invalid_input("log " + options.file.string() + ": no event on the channels '" + options.channels +
+                             (options.skip_channels.empty() ? "'" : "' without '" + options.skip_channels + "'") +
+                             (stream->damage_text().empty() ? "" : "; " + stream->damage_text()));
     stream->look_ahead(options);
     return stream;
 }

@@ -9,10 +9,10 @@
 #include <string>
 
 #include "core/case/case.h"
+#include "core/case/load_tracks.h"
 #include "core/channel_pattern.h"
 #include "core/log_reader.h"
 #include "core/result.h"
-#include "core/case/load_tracks.h"
 #include "drivers/replay/stream.h"
 
 namespace teres {
@@ -34,8 +34,7 @@ class LogStream final : public Stream {
     std::string damage_text() const override { return reader_.damage_text(); }
 
   private:
-    LogStream(LogReader reader, ChannelPattern channels)
-        : reader_(std::move(reader)), channels_(std::move(channels)) {}
+    LogStream(LogReader reader, ChannelPattern channels) : reader_(std::move(reader)), channels_(std::move(channels)) {}
     bool chosen(const std::string& channel) const;
     void look_ahead(const Options& options);
     bool read(Packet& packet);

@@ -21,7 +21,8 @@ struct ReplaySettings {
     double speed = 1.0;
     bool loop = false;
     std::string channels = ".*";
-    std::string skip_channels = "BOUNDARY_ESTIMATE|LIVER_STATE|INNOVATION|GAP|HEALTH|TRACKING|REGISTRATION|SURFACE_POINTS";
+    std::string skip_channels =
+        "BOUNDARY_ESTIMATE|LIVER_STATE|INNOVATION|GAP|HEALTH|TRACKING|REGISTRATION|SURFACE_POINTS";
     template <class V>
     void visit(V& field) {
         field("case", case_folder, "case folder (teres-case-1) to play; empty: that of [service]");
@@ -31,7 +32,8 @@ struct ReplaySettings {
         field("loop", loop, "start over at the end; time and sequence numbers go on");
         field("channels", channels, "", "channels of a log that are played (expression over the whole name)");
         field("skip_channels", skip_channels, "",
-              "of these, not played: by default what the plugins publish themselves; MARKERS too if observation is one of them");
+              "of these, not played: by default what the plugins publish themselves; MARKERS too if observation is one "
+              "of them");
     }
 };
 
@@ -56,8 +58,7 @@ class ReplayDriver final : public Unit, public StreamClock {
         if (log_file.empty()) {
             TERES_TRY_ASSIGN(stream_, CaseStream::make(*from));
         } else {
-            LogStream::Options options{log_file, settings.channels, settings.skip_channels,
-                                       from ? &*from : nullptr};
+            LogStream::Options options{log_file, settings.channels, settings.skip_channels, from ? &*from : nullptr};
             TERES_TRY_ASSIGN(stream_, LogStream::open(options));
         }
         return {};
@@ -98,8 +99,7 @@ class ReplayDriver final : public Unit, public StreamClock {
 
     void stop() override {
         if (lost_ > 0)
-            host_.log(TERES_LOG_WARN, "replay",
-                      std::to_string(lost_) + " messages were refused by the bus and lost");
+            host_.log(TERES_LOG_WARN, "replay", std::to_string(lost_) + " messages were refused by the bus and lost");
         lost_ = 0;
         stream_.reset();
     }

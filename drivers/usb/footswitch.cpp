@@ -29,7 +29,9 @@ Result<UsbId> parse_usb_id(const std::string& text) {
 Footswitch::Footswitch(std::unique_ptr<UsbCalls> calls, UsbId id, const DeviceWatch::Limits& limits)
     : calls_(std::move(calls)), id_(id), watch_(limits) {}
 
-Footswitch::~Footswitch() { close(); }
+Footswitch::~Footswitch() {
+    close();
+}
 
 void Footswitch::pass() {
     const std::int64_t now_us = calls_->now_us();
@@ -52,7 +54,7 @@ void Footswitch::pass() {
                 newest_us_ = at_us;
                 watch_.data(at_us);
                 fault_.clear();
-            advice_.clear();
+                advice_.clear();
                 set_pedals(*down, at_us);
             } else {
                 ++damaged_;
@@ -112,7 +114,8 @@ void Footswitch::failed(const char* what, int error, std::int64_t now_us) {
     }
     fault_ = std::string(what) + ": " + libusb_strerror(error) +
              (error == LIBUSB_ERROR_ACCESS ? "; install the udev rule of Teres, or the group plugdev" : "");
-    const bool refused = error == LIBUSB_ERROR_ACCESS || error == LIBUSB_ERROR_BUSY || error == LIBUSB_ERROR_NOT_SUPPORTED;
+    const bool refused =
+        error == LIBUSB_ERROR_ACCESS || error == LIBUSB_ERROR_BUSY || error == LIBUSB_ERROR_NOT_SUPPORTED;
     if (refused) {
         close();
         watch_.refused(now_us);

@@ -54,10 +54,13 @@ class DashboardPlugin final : public Unit {
         TERES_TRY(show<health_t>("HEALTH"));
         TERES_TRY(show<device_health_t>("DEVICE_HEALTH"));
         for (const bool augmented : {false, true})
-            TERES_TRY(host_.subscribe<image_t>(augmented ? "OVERLAY" : "CAMERA_COLOR", kMaxMessageBytes,
-                                               [this, augmented](const image_t& m, std::int64_t) { snapshot_->take(m, augmented); }));
-        TERES_TRY_ASSIGN(server_, DashboardServer::start({settings.address, settings.port, settings.token}, *snapshot_));
-        host_.log(TERES_LOG_INFO, "dashboard", "http://" + settings.address + ":" + std::to_string(server_->port()) + "/");
+            TERES_TRY(host_.subscribe<image_t>(
+                augmented ? "OVERLAY" : "CAMERA_COLOR", kMaxMessageBytes,
+                [this, augmented](const image_t& m, std::int64_t) { snapshot_->take(m, augmented); }));
+        TERES_TRY_ASSIGN(server_,
+                         DashboardServer::start({settings.address, settings.port, settings.token}, *snapshot_));
+        host_.log(TERES_LOG_INFO, "dashboard",
+                  "http://" + settings.address + ":" + std::to_string(server_->port()) + "/");
         return {};
     }
 
@@ -67,7 +70,8 @@ class DashboardPlugin final : public Unit {
   private:
     template <class Message>
     Status show(const char* channel) {
-        return host_.subscribe<Message>(channel, kMaxMessageBytes, [this](const Message& m, std::int64_t) { snapshot_->take(m); });
+        return host_.subscribe<Message>(channel, kMaxMessageBytes,
+                                        [this](const Message& m, std::int64_t) { snapshot_->take(m); });
     }
 
     Host host_;

@@ -48,7 +48,8 @@ struct DashboardServer::Impl {
 Result<std::unique_ptr<DashboardServer>> DashboardServer::start(const Options& options, const Snapshot& snapshot) {
     if (!is_loopback(options.address) && options.token.empty())
         return invalid_input("dashboard.address = " + options.address + " is not loopback: set dashboard.token");
-    if (!std::all_of(options.token.begin(), options.token.end(), [](unsigned char c) { return std::isalnum(c) || c == '-' || c == '_'; }))
+    if (!std::all_of(options.token.begin(), options.token.end(),
+                     [](unsigned char c) { return std::isalnum(c) || c == '-' || c == '_'; }))
         return invalid_input("dashboard.token: letters, digits, - and _ only");
     std::unique_ptr<DashboardServer> server(new DashboardServer);
     server->impl_ = std::make_unique<Impl>();
@@ -67,9 +68,15 @@ Result<std::unique_ptr<DashboardServer>> DashboardServer::start(const Options& o
         response.set_content("token missing or wrong, or asked for by another name than 127.0.0.1\n", "text/plain");
         return httplib::Server::HandlerResponse::Handled;
     });
-    http.Get("/", [](const httplib::Request&, httplib::Response& r) { r.set_content(kDashboardPage, "text/html; charset=utf-8"); });
-    http.Get("/state", [&snapshot](const httplib::Request&, httplib::Response& r) { r.set_content(snapshot.state(), "application/json"); });
-    http.Get("/mesh", [&snapshot](const httplib::Request&, httplib::Response& r) { r.set_content(snapshot.mesh(), "application/json"); });
+    http.Get("/", [](const httplib::Request&, httplib::Response& r) {
+        r.set_content(kDashboardPage, "text/html; charset=utf-8");
+    });
+    http.Get("/state", [&snapshot](const httplib::Request&, httplib::Response& r) {
+        r.set_content(snapshot.state(), "application/json");
+    });
+    http.Get("/mesh", [&snapshot](const httplib::Request&, httplib::Response& r) {
+        r.set_content(snapshot.mesh(), "application/json");
+    });
     http.Get("/frame.jpg", [&snapshot](const httplib::Request&, httplib::Response& r) {
         const std::string image = snapshot.image();
         if (image.empty())
@@ -81,9 +88,11 @@ Result<std::unique_ptr<DashboardServer>> DashboardServer::start(const Options& o
     const bool bound = options.port == 0 ? (server->port_ = http.bind_to_any_port(options.address.c_str())) > 0
                                          : http.bind_to_port(options.address.c_str(), options.port);
     if (!bound)
-        return host_fault("dashboard: cannot listen on " + options.address + ":" + std::to_string(options.port) + " (in use?)");
+        return host_fault("dashboard: cannot listen on " + options.address + ":" + std::to_string(options.port) +
+                          " (in use?)");
     server->impl_->thread = std::thread([&http] { http.listen_after_bind(); });
-    while (!http.is_running()) std::this_thread::sleep_for(std::chrono::milliseconds(1));  // before, stop() would be lost
+    while (!http.is_running())
+        std::this_thread::sleep_for(std::chrono::milliseconds(1));  // before, stop() would be lost
     return server;
 }
 

@@ -73,7 +73,10 @@ json gap(const gap_t& g, const innovation_t& i) {
 json health(const health_t& m) {
     json units = json::array(), channels = json::array();
     for (const unit_health_t& u : m.units)
-        units.push_back({{"unit", u.unit}, {"state", u.state}, {"step_ms", number(u.step_ms_mean)}, {"degraded", u.degraded_steps}});
+        units.push_back({{"unit", u.unit},
+                         {"state", u.state},
+                         {"step_ms", number(u.step_ms_mean)},
+                         {"degraded", u.degraded_steps}});
     for (const channel_health_t& c : m.channels)
         channels.push_back(
             {{"channel", c.channel}, {"rate_hz", number(c.rate_hz)}, {"received", c.received}, {"dropped", c.dropped}});
@@ -87,7 +90,11 @@ json health(const health_t& m) {
 json devices(const std::map<std::string, device_health_t>& all) {
     json list = json::array();
     for (const auto& [name, d] : all)
-        list.push_back({{"device", name}, {"state", d.state}, {"detail", d.detail}, {"rate_hz", number(d.rate_hz)}, {"lost", d.lost}});
+        list.push_back({{"device", name},
+                        {"state", d.state},
+                        {"detail", d.detail},
+                        {"rate_hz", number(d.rate_hz)},
+                        {"lost", d.lost}});
     return list;
 }
 

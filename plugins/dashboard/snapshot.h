@@ -38,7 +38,9 @@ class Snapshot {
 
     // any thread
     std::string state() const;  ///< JSON, see state() in snapshot.cpp
-    std::string mesh() const { return mesh_; }  ///< JSON {case, ids, nodes: [x, y, z, ...], triangles: [a, b, c, ...]} of the surface at rest
+    std::string mesh() const {
+        return mesh_;
+    }  ///< JSON {case, ids, nodes: [x, y, z, ...], triangles: [a, b, c, ...]} of the surface at rest
     std::string image() const;  ///< JPEG; empty: none yet
 
   private:

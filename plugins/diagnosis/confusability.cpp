@@ -30,11 +30,10 @@ Confusability confusability(const Screening& screening, const Eigen::MatrixXd& n
             const Eigen::MatrixXd& Wd = weighted[static_cast<std::size_t>(d)];
             if (c == d || out.visibility[static_cast<std::size_t>(c)] <= 0.0) continue;
             const Eigen::MatrixXd Scd = Gc.transpose() * Wd;
-            const Eigen::MatrixXd Sdd =
-                Gd.transpose() * Wd + Eigen::MatrixXd::Identity(Gd.cols(), Gd.cols());
-            out.overlap(c, d) =
-                std::clamp((Scd * Sdd.ldlt().solve(Scd.transpose())).trace() / out.visibility[static_cast<std::size_t>(c)],
-                           0.0, 1.0);
+            const Eigen::MatrixXd Sdd = Gd.transpose() * Wd + Eigen::MatrixXd::Identity(Gd.cols(), Gd.cols());
+            out.overlap(c, d) = std::clamp(
+                (Scd * Sdd.ldlt().solve(Scd.transpose())).trace() / out.visibility[static_cast<std::size_t>(c)], 0.0,
+                1.0);
         }
     return out;
 }
@@ -54,28 +53,34 @@ std::string separating_experiment(const std::string& a, const std::string& b) {
         const char *first, *second, *text;  // second null: makes `first` visible
     };
     static constexpr std::array<Advice, 44> kAdvice{{
-        {"registration", "gravity", "record a second table angle: gravity turns with the table, a registration error does not"},
+        {"registration", "gravity",
+         "record a second table angle: gravity turns with the table, a registration error does not"},
         {"registration", "pressure", "change the insufflation by 2 mmHg: only pressure follows"},
         {"registration", "depth_scale", "record from a second camera distance, or with a scale bar in view"},
         {"registration", "moving_attachment", "record one still second (apnoea): a registration error stays"},
         {"gravity", "pressure", "change the insufflation by 2 mmHg, or the table angle: each moves one of the two"},
         {"stiffness", "viscoelasticity", "repeat one load at half the speed: only a viscous body answers differently"},
         {"stiffness", "material_law", "repeat one load with half the force: a stiffening law is not proportional"},
-        {"stiffness", "load_scale", "repeat with another tool or a force sensor: a mis-measured load stays with its tool"},
-        {"stiffness", "inclusion", "press at a second place far from the first: an inclusion softens or stiffens one of them only"},
+        {"stiffness", "load_scale",
+         "repeat with another tool or a force sensor: a mis-measured load stays with its tool"},
+        {"stiffness", "inclusion",
+         "press at a second place far from the first: an inclusion softens or stiffens one of them only"},
         {"stiffness", "damping", "hold a load still: damping vanishes, the modulus does not"},
-        {"stiffness", "inertia", "compare the static shape with the frequency: a missing mass leaves the static shape unchanged"},
+        {"stiffness", "inertia",
+         "compare the static shape with the frequency: a missing mass leaves the static shape unchanged"},
         {"viscoelasticity", "material_law", "repeat one load at half the speed and with half the force"},
         {"viscoelasticity", "latency", "hold a load still for some seconds: a late stamp shows no creep"},
         {"viscoelasticity", "damping", "hold a load still for some seconds: creep goes on, damping does not"},
         {"inclusion", "cut", "look before and after the suspected instant: an inclusion was always there"},
-        {"contact", "extra_attachment", "push the place in both directions: contact only resists pushing, an attachment only pulling"},
+        {"contact", "extra_attachment",
+         "push the place in both directions: contact only resists pushing, an attachment only pulling"},
         {"ligament_slack", "ligament_tear", "pull on that ligament once before and once after the suspected instant"},
         {"load_scale", "unknown_load", "move one tool at a time: a mis-measured load stops with its tool"},
         {"load_scale", "extra_attachment", "press beside the suspected place with another tool"},
         {"load_scale", "inclusion", "press at a second place: a mis-measured load stays with its tool"},
         {"clamp_compliance", "registration", "track a marker near the support: a compliant support moves it"},
-        {"clamp_compliance", "stiffness", "press near the support and far from it: a compliant support turns the body as a whole"},
+        {"clamp_compliance", "stiffness",
+         "press near the support and far from it: a compliant support turns the body as a whole"},
         {"camera_drift", "registration", "track a marker on bone or table: drift grows with time"},
         {"unknown_load", "registration", "track the instruments: an unknown load comes and goes"},
         {"stiffness", nullptr, "press harder, at two places"},

@@ -14,9 +14,9 @@
 namespace teres {
 
 struct Confusability {
-    std::vector<std::size_t> entries;   ///< of the table, in its order
+    std::vector<std::size_t> entries;  ///< of the table, in its order
     std::vector<double> visibility;
-    Eigen::MatrixXd overlap;            ///< (c, d): share of c that d reproduces; 1 on the diagonal
+    Eigen::MatrixXd overlap;  ///< (c, d): share of c that d reproduces; 1 on the diagonal
 
     /// Entries that reproduce at least `bound` of `entry`.
     std::vector<std::size_t> rivals(std::size_t entry, double bound) const;

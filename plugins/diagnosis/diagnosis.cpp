@@ -13,12 +13,13 @@ namespace {
 
 constexpr int kPolished = 2;
 constexpr int kAttempts = 3;
-constexpr double kNearlyAll = 0.97;       // explained: nothing is left for one more effect
-constexpr double kOutOfReach = 15.0;      // nats between a fitted cause and the screening of one that need not be fitted
-constexpr double kFarTheta = 1.5;         // prior standard deviations from the prior at which a refit starts at most
+constexpr double kNearlyAll = 0.97;   // explained: nothing is left for one more effect
+constexpr double kOutOfReach = 15.0;  // nats between a fitted cause and the screening of one that need not be fitted
+constexpr double kFarTheta = 1.5;     // prior standard deviations from the prior at which a refit starts at most
 constexpr double kLeastExplained = 0.02;  // of the nominal cost, by first order: less is not worth a fit
 constexpr double kLeastEarly = 0.1;       // ... of the cost of the beginning of a dynamic recording
-constexpr double kLateRatio = 3.0;  // mean square of the unfitted end over that of the fitted part: something happens late
+constexpr double kLateRatio =
+    3.0;  // mean square of the unfitted end over that of the fitted part: something happens late
 
 Simulator::Progress stage(const DiagnosisOptions& options, const char* name) {
     return [&options, name](double part) { return !options.progress || options.progress(name, part); };
@@ -40,8 +41,9 @@ Whitener whitener_for(const Recording& recording, const Discrepancy& discrepancy
     for (Eigen::Index k = 0; k < sigma.size(); ++k) {
         const Eigen::Index row = recording.fit_rows[static_cast<std::size_t>(k)], first = row - row % 3;
         const double displacement = (motion.segment<3>(first) - motion.segment<3>(first % channels)).norm();
-        sigma(k) = std::sqrt(std::pow(recording.noise_m, 2) + std::pow(calibration.white_floor_m, 2) +
-                             std::pow(discrepancy.remainder_m, 2) + std::pow(calibration.white_share * displacement, 2));
+        sigma(k) =
+            std::sqrt(std::pow(recording.noise_m, 2) + std::pow(calibration.white_floor_m, 2) +
+                      std::pow(discrepancy.remainder_m, 2) + std::pow(calibration.white_share * displacement, 2));
     }
     // The columns' coefficients are N(0,1) against data that count as nu numbers, not as all of them.
     const double counted = std::min(1.0, calibration.nu / static_cast<double>(sigma.size()));
@@ -58,7 +60,9 @@ struct Problem {
     ErrorFloor floor{};
 
     Fit fit(const Assumption& start, int iterations, bool robust = false) {
-        return fit_jointly(simulator, whitener, recording.observed, start, {.max_iterations = iterations, .growing = simulator.mechanics().dynamic(), .robust = robust});
+        return fit_jointly(
+            simulator, whitener, recording.observed, start,
+            {.max_iterations = iterations, .growing = simulator.mechanics().dynamic(), .robust = robust});
     }
     /// Every frame simulated, exact derivatives: the base of a search.
     void complete(Fit& fit) { teres::complete(simulator, whitener, recording.observed, fit); }
@@ -76,8 +80,7 @@ Fit nominal_fit(Problem& problem) {
     Eigen::VectorXd motion;
     simulator.simulate(prior_median(simulator.mechanics()), motion);
     const auto reweigh = [&](const Eigen::VectorXd& about) {
-        problem.whitener =
-            whitener_for(problem.recording, problem.discrepancy, about, problem.options.calibration);
+        problem.whitener = whitener_for(problem.recording, problem.discrepancy, about, problem.options.calibration);
     };
     reweigh(motion);
     Fit fit = problem.fit(prior_median(simulator.mechanics()), 8, true);
@@ -102,8 +105,8 @@ void take_noise(Problem& problem, Cause& cause) {
         const EffectEntry& entry = problem.simulator.effects()[effect.entry];
         Assumption alone{cause.fit.at.theta, {problem.simulator.effects().candidate(effect.entry, 0)}};
         if (!entry.sensor || problem.simulator.noise_factor(alone) == 1.0) continue;
-        const double factor = std::max(1.0, white_noise_factor(cause.fit.residual, problem.whitener.rows(),
-                                                               problem.recording.num_markers));
+        const double factor = std::max(
+            1.0, white_noise_factor(cause.fit.residual, problem.whitener.rows(), problem.recording.num_markers));
         for (std::size_t p = 0; p < effect.values.size(); ++p)
             effect.values[p] = std::clamp(factor, entry.parameters[p].lower, entry.parameters[p].upper);
         cause.fit.cost /= factor * factor;
@@ -159,7 +162,9 @@ double form_error(Problem& problem, const Fit& nominal, const Cause& known) {
     const bool mechanical =
         std::any_of(known.entries.begin(), known.entries.end(), [&](std::size_t e) { return !effects[e].sensor; });
     const Calibration& c = problem.options.calibration;
-    return mechanical ? (problem.simulator.mechanics().dynamic() ? c.form_error_dynamic : c.form_error) * std::max(0.0, nominal.cost - known.fit.cost) : 0.0;
+    return mechanical ? (problem.simulator.mechanics().dynamic() ? c.form_error_dynamic : c.form_error) *
+                            std::max(0.0, nominal.cost - known.fit.cost)
+                      : 0.0;
 }
 
 // `known`: what the cause was searched on top of, or null.
@@ -173,11 +178,12 @@ void score(Problem& problem, const Fit& nominal, const Cause* known, Cause& caus
     if (known == nullptr) return;
     const double before = problem.floor.above(known->fit.cost), after = problem.floor.above(cause.fit.cost),
                  form = form_error(problem, nominal, *known);
-    cause.score -= 0.5 * problem.options.calibration.nu * (std::log(before / after) - std::log((before + form) / (after + form)));
+    cause.score -=
+        0.5 * problem.options.calibration.nu * (std::log(before / after) - std::log((before + form) / (after + form)));
 }
 
-// Which screened effects deserve a refit: the best scores, and besides them those that explain most, because a local cause
-// between the points of the search grid looks worse than it is.
+// Which screened effects deserve a refit: the best scores, and besides them those that explain most, because a local
+// cause between the points of the search grid looks worse than it is.
 std::vector<std::size_t> worth_refitting(const Screening& screening, std::size_t by_score, std::size_t by_share) {
     std::vector<std::size_t> order(screening.effects.size()), chosen;
     std::iota(order.begin(), order.end(), std::size_t{0});
@@ -197,8 +203,8 @@ std::vector<std::size_t> worth_refitting(const Screening& screening, std::size_t
     return chosen;
 }
 
-// Where first order does not reach (a phase that runs away), each mechanical effect is fitted to the beginning (a quarter,
-// then half) and ranked by what it explains there; its values there are where its refit starts.
+// Where first order does not reach (a phase that runs away), each mechanical effect is fitted to the beginning (a
+// quarter, then half) and ranked by what it explains there; its values there are where its refit starts.
 Screening try_beginnings(Problem& problem, const Fit& base, const Cause* known, Screening screening) {
     const auto fit_first = [&](std::size_t share, const Assumption& start, int iterations) {
         return fit_jointly(problem.simulator, problem.whitener, problem.recording.observed, start,
@@ -229,8 +235,9 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* kno
     const DiagnosisOptions& options = problem.options;
     Fit base = known != nullptr ? known->fit : nominal;
     if (known != nullptr) problem.complete(base);  // the nominal fit is complete, and the simulator's base
-    const Signatures all = signatures(problem.simulator, base, known != nullptr ? known->entries : std::vector<std::size_t>{},
-                                      stage(options, known == nullptr ? "screening effects" : "screening further effects"));
+    const Signatures all =
+        signatures(problem.simulator, base, known != nullptr ? known->entries : std::vector<std::size_t>{},
+                   stage(options, known == nullptr ? "screening effects" : "screening further effects"));
     const std::size_t frames = problem.recording.num_frames;
     const auto screen_first = [&](std::size_t num_frames) {
         return screen(problem.simulator, all, problem.whitener, problem.floor, base, options.calibration, num_frames);
@@ -240,10 +247,12 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* kno
     std::vector<EffectScreening> chosen;
     const auto choose = [&](const Screening& from, std::size_t by_score, std::size_t by_share) {
         for (const std::size_t k : worth_refitting(from, by_score, by_share))
-            if (std::none_of(chosen.begin(), chosen.end(), [&](const auto& c) { return c.entry == from.effects[k].entry; }))
+            if (std::none_of(chosen.begin(), chosen.end(),
+                             [&](const auto& c) { return c.entry == from.effects[k].entry; }))
                 chosen.push_back(from.effects[k]);
     };
-    if (problem.simulator.mechanics().dynamic()) choose(try_beginnings(problem, base, known, screen_first(frames / 4)), 3, 1);
+    if (problem.simulator.mechanics().dynamic())
+        choose(try_beginnings(problem, base, known, screen_first(frames / 4)), 3, 1);
     if (known == nullptr)
         choose(screening, static_cast<std::size_t>(options.num_refits) - 2, 2);
     else
@@ -262,7 +271,9 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* kno
             static_cast<double>(k + 1) / static_cast<double>(chosen.size()));
     }
     for (std::size_t k = 0; known == nullptr && k < screening.effects.size(); ++k)
-        if (std::none_of(causes.begin(), causes.end(), [&](const Cause& c) { return c.entries[0] == screening.effects[k].entry; })) {  // screened only: its linear score stands
+        if (std::none_of(causes.begin(), causes.end(), [&](const Cause& c) {
+                return c.entries[0] == screening.effects[k].entry;
+            })) {  // screened only: its linear score stands
             Cause cause;
             cause.entries = {screening.effects[k].entry};
             cause.score = screening.effects[k].score;
@@ -311,7 +322,9 @@ struct Forecast {
             if (assumption.theta == at.theta && assumption.effects == at.effects) return &trajectory;
         return nullptr;
     }
-    Eigen::VectorXd of(const Fit& fit) { return beginning_fitted || find(fit.at) != nullptr ? under(fit.at) : fit.trajectory; }
+    Eigen::VectorXd of(const Fit& fit) {
+        return beginning_fitted || find(fit.at) != nullptr ? under(fit.at) : fit.trajectory;
+    }
     Eigen::VectorXd under(const Assumption& at) {
         if (const Eigen::VectorXd* trajectory = find(at)) return *trajectory;
         known.emplace_back(at, Eigen::VectorXd{});
@@ -331,16 +344,19 @@ Assumption lasting(const EffectTable& effects, const Assumption& from) {
     return out;
 }
 
-// Other recordings of the body predicted with what `here` taught, and `here` predicted with the named effects fitted there.
+// Other recordings of the body predicted with what `here` taught, and `here` predicted with the named effects fitted
+// there.
 Result<std::vector<Transfer>> transfer(Problem& here, Forecast& forecast_here, const Fit& nominal, const Fit& named,
                                        std::span<const GapRecording> recordings, const EffectTable& effects) {
     std::vector<Transfer> out;
     const std::string& name = here.recording.name;
     for (std::size_t k = 1; k < recordings.size(); ++k) {
-        stage(here.options, "other recordings")(static_cast<double>(k - 1) / static_cast<double>(recordings.size() - 1));
+        stage(here.options,
+              "other recordings")(static_cast<double>(k - 1) / static_cast<double>(recordings.size() - 1));
         TERES_TRY_ASSIGN(Forecast forecast_there, Forecast::make(recordings[k], effects));
         TERES_TRY_ASSIGN(Recording other, make_recording(recordings[k]));
-        out.push_back({name, other.name, forecast_there.rms_m(nominal.at), forecast_there.rms_m(lasting(effects, named.at))});
+        out.push_back(
+            {name, other.name, forecast_there.rms_m(nominal.at), forecast_there.rms_m(lasting(effects, named.at))});
         other.fit_rows = other.seen_rows();
         Simulator simulator(*recordings[k].mechanics, recordings[k].sensors, effects);
         Problem there{simulator, other, here.options, {}, {}};
@@ -380,7 +396,8 @@ void close_on_held_out(Diagnosis& out, Forecast& forecast, const Fit& best, cons
     ladder_step({}, out.nominal);
     if (named == nullptr) return;
     for (std::size_t k = 1; k <= named->entries.size(); ++k) {
-        const std::vector<std::size_t> first(named->entries.begin(), named->entries.begin() + static_cast<std::ptrdiff_t>(k));
+        const std::vector<std::size_t> first(named->entries.begin(),
+                                             named->entries.begin() + static_cast<std::ptrdiff_t>(k));
         for (const Cause& cause : out.verdict.causes)
             if (cause.fit.usable && cause.entries == first) ladder_step(first, cause.fit);
     }
@@ -402,8 +419,9 @@ void close_on_held_out(Diagnosis& out, Forecast& forecast, const Fit& best, cons
 const Cause* Diagnosis::named() const {
     if (verdict.causes.empty()) return nullptr;
     const Cause& top = verdict.causes.front();
-    return top.fit.usable && top.probability >= std::max(verdict.none_probability, verdict.unknown_probability) ? &top
-                                                                                                                : nullptr;
+    return top.fit.usable && top.probability >= std::max(verdict.none_probability, verdict.unknown_probability)
+               ? &top
+               : nullptr;
 }
 
 Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const EffectTable& effects,
@@ -412,8 +430,8 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     out.name = recordings[0].name;
     TERES_TRY_ASSIGN(out.recording, make_recording(recordings[0]));
     Simulator simulator(*recordings[0].mechanics, recordings[0].sensors, effects);
-    TERES_TRY_ASSIGN(Discrepancy discrepancy, discrepancy_of(simulator, options.cache, recordings[0].body_hash,
-                                                             stage(options, "model error")));
+    TERES_TRY_ASSIGN(Discrepancy discrepancy,
+                     discrepancy_of(simulator, options.cache, recordings[0].body_hash, stage(options, "model error")));
     Problem problem{simulator, out.recording, options, std::move(discrepancy), {}};
 
     // What the nominal model can explain, and whether anything is left.
@@ -433,7 +451,8 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
         const std::vector<Cause> larger = search(problem, out.nominal, &best, further);
         causes.insert(causes.end(), larger.begin(), larger.end());
         if (larger.empty() || larger.front().score <= best.score || larger.front().explained > kNearlyAll) break;
-        std::stable_sort(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) { return a.score > b.score; });
+        std::stable_sort(causes.begin(), causes.end(),
+                         [](const Cause& a, const Cause& b) { return a.score > b.score; });
     }
     out.verdict = judge(std::move(causes), out.nominal.cost, problem.floor, options.calibration);
     out.significant = out.verdict.none_probability < 0.5;
@@ -453,7 +472,8 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     simulator.simulate(best.at, out.after, forecast.beginning_fitted ? nullptr : &out.points_m, &out.nodes_after_m);
     close_on_held_out(out, forecast, best, effects);
     TERES_TRY_ASSIGN(out.transfers, transfer(problem, forecast, out.nominal, best, recordings, effects));
-    out.next_experiment = next_experiment(effects, out.verdict, out.confusability, options.calibration, out.significant);
+    out.next_experiment =
+        next_experiment(effects, out.verdict, out.confusability, options.calibration, out.significant);
     out.discrepancy = std::move(problem.discrepancy);
     return out;
 }
@@ -471,10 +491,11 @@ Result<Plan> plan(const GapRecording& from, const EffectTable& effects, const Di
     recording.observed = recording.observed.array().isFinite().select(motion, recording.observed);
     problem.whitener = whitener_for(recording, problem.discrepancy, motion, options.calibration);
     const Fit nominal = problem.fit(median, 0);
-    const ErrorFloor floor = error_floor(problem.whitener, problem.discrepancy, nominal.J, recording.noise_m, options.calibration);
+    const ErrorFloor floor =
+        error_floor(problem.whitener, problem.discrepancy, nominal.J, recording.noise_m, options.calibration);
     Plan out{recording.name,
-             screen(simulator, signatures(simulator, nominal, {}, stage(options, "signatures")), problem.whitener, floor, nominal,
-                    options.calibration, recording.num_frames),
+             screen(simulator, signatures(simulator, nominal, {}, stage(options, "signatures")), problem.whitener,
+                    floor, nominal, options.calibration, recording.num_frames),
              {},
              floor};
     out.confusability = confusability(out.screening, nominal.J);

@@ -53,26 +53,27 @@ struct Transfer {
 
 struct Diagnosis {
     std::string name;
-    double gap_m = 0.0, floor_m = 0.0;   ///< rms 3-D distance of the nominal fit; what noise and model error explain
+    double gap_m = 0.0, floor_m = 0.0;  ///< rms 3-D distance of the nominal fit; what noise and model error explain
     ErrorFloor error_floor;
     bool significant = false;
     Verdict verdict;
     Fit nominal;
     Recording recording;
-    Recording predicted;  ///< what shrinkage and ladder are held out of: `recording`, or all of it if only its beginning was fitted
+    Recording predicted;  ///< what shrinkage and ladder are held out of: `recording`, or all of it if only its
+                          ///< beginning was fitted
     Screening screening;
     Confusability confusability;
     Discrepancy discrepancy;
     Shrinkage shrinkage;
-    std::optional<Shrinkage> best_wrong;       ///< of the best cause of another family
+    std::optional<Shrinkage> best_wrong;  ///< of the best cause of another family
     std::vector<std::string> best_wrong_effects;
     std::vector<LadderStep> ladder;
     std::vector<Transfer> transfers;
     Where where;
     std::string next_experiment;
-    std::vector<double> points_m;              ///< validation points with the named effects
+    std::vector<double> points_m;                       ///< validation points with the named effects
     std::vector<double> nodes_before_m, nodes_after_m;  ///< all nodes per frame
-    Eigen::VectorXd after;                     ///< markers with the named effects
+    Eigen::VectorXd after;                              ///< markers with the named effects
 
     /// The named answer: the most probable cause, or null if `none` or `unknown` is more probable.
     const Cause* named() const;

@@ -9,13 +9,13 @@
 namespace teres {
 namespace {
 
-constexpr int kDraws = 1;                 // of the nominal parameters, the first at the prior median
-constexpr double kDrawSpread = 0.5;       // in prior standard deviations
-constexpr std::size_t kFrames = 10;       // simulated with each variant
-constexpr Eigen::Index kModes = 8;        // temporal modes of the nominal motion
+constexpr int kDraws = 1;            // of the nominal parameters, the first at the prior median
+constexpr double kDrawSpread = 0.5;  // in prior standard deviations
+constexpr std::size_t kFrames = 10;  // simulated with each variant
+constexpr Eigen::Index kModes = 8;   // temporal modes of the nominal motion
 constexpr Eigen::Index kColumns = 8;
-constexpr double kLeastColumn = 1e-3;     // columns below this share of the first are dropped
-constexpr std::uint64_t kVersion = 1;     // of the method: part of the key
+constexpr double kLeastColumn = 1e-3;  // columns below this share of the first are dropped
+constexpr std::uint64_t kVersion = 1;  // of the method: part of the key
 
 std::uint64_t mix(std::uint64_t hash, std::uint64_t value) {
     for (int byte = 0; byte < 8; ++byte) hash = (hash ^ ((value >> (8 * byte)) & 0xff)) * 1099511628211ULL;
@@ -37,7 +37,8 @@ bool read_cache(const std::filesystem::path& file, std::size_t rows, Discrepancy
     std::ifstream in(file, std::ios::binary);
     double head[4] = {};
     if (!in.read(reinterpret_cast<char*>(head), sizeof head)) return false;
-    if (head[0] != static_cast<double>(rows) || !(head[1] >= 0.0 && head[1] <= static_cast<double>(kColumns))) return false;
+    if (head[0] != static_cast<double>(rows) || !(head[1] >= 0.0 && head[1] <= static_cast<double>(kColumns)))
+        return false;
     out.columns.resize(static_cast<Eigen::Index>(rows), static_cast<Eigen::Index>(head[1]));
     out.remainder_m = head[2];
     out.runs = static_cast<int>(head[3]);
@@ -99,7 +100,8 @@ Result<Discrepancy> discrepancy_of(Simulator& simulator, const std::filesystem::
     std::vector<std::int32_t> frames;
     const std::size_t count = model.dynamic() ? simulator.num_frames() : std::min(kFrames, simulator.num_frames());
     for (std::size_t k = 0; k < count; ++k)
-        frames.push_back(static_cast<std::int32_t>(k * (simulator.num_frames() - 1) / std::max<std::size_t>(1, count - 1)));
+        frames.push_back(
+            static_cast<std::int32_t>(k * (simulator.num_frames() - 1) / std::max<std::size_t>(1, count - 1)));
     const auto channels = static_cast<Eigen::Index>(3 * simulator.num_markers());
 
     std::mt19937 generator(20);
@@ -110,7 +112,8 @@ Result<Discrepancy> discrepancy_of(Simulator& simulator, const std::filesystem::
         for (std::size_t i = 0; i < model.num_parameters(); ++i) {
             const NominalParameter p = model.parameter(i);
             const double z = draw == 0 ? 0.0 : kDrawSpread * normal(generator);
-            assumption.theta.push_back(std::clamp(std::exp(p.prior_log_mean + p.prior_log_stdev * z), p.lower, p.upper));
+            assumption.theta.push_back(
+                std::clamp(std::exp(p.prior_log_mean + p.prior_log_stdev * z), p.lower, p.upper));
         }
         Eigen::VectorXd nominal;
         if (!simulator.simulate(assumption, nominal)) {

@@ -17,14 +17,15 @@
 namespace teres {
 
 struct Discrepancy {
-    Eigen::MatrixXd columns;    ///< 3 M F rows [m]; no columns if the model has no variants
-    double remainder_m = 0.0;   ///< rms of what the columns leave of the ensemble, per row
-    int runs = 0;               ///< simulations behind it
+    Eigen::MatrixXd columns;   ///< 3 M F rows [m]; no columns if the model has no variants
+    double remainder_m = 0.0;  ///< rms of what the columns leave of the ensemble, per row
+    int runs = 0;              ///< simulations behind it
     bool from_cache = false;
 };
 
-/// `cache`: folder, created if needed; empty: nothing is kept. `key` names body, loads, markers and settings. Leaves the
-/// simulator's base at the prior median. Errors (kNotUsable): the nominal model does not converge at its prior median.
+/// `cache`: folder, created if needed; empty: nothing is kept. `key` names body, loads, markers and settings. Leaves
+/// the simulator's base at the prior median. Errors (kNotUsable): the nominal model does not converge at its prior
+/// median.
 Result<Discrepancy> discrepancy_of(Simulator& simulator, const std::filesystem::path& cache, std::uint64_t key,
                                    const Simulator::Progress& progress);
 

@@ -49,9 +49,8 @@ ActiveEffect EffectTable::single(const ActiveEffect& from, std::size_t amplitude
 
 std::size_t EffectTable::num_amplitudes(std::size_t entry) const {
     const auto& parameters = entries_[entry].parameters;
-    return static_cast<std::size_t>(std::count_if(parameters.begin(), parameters.end(), [](const auto& p) {
-        return p.role == EffectRole::kAmplitude;
-    }));
+    return static_cast<std::size_t>(std::count_if(parameters.begin(), parameters.end(),
+                                                  [](const auto& p) { return p.role == EffectRole::kAmplitude; }));
 }
 
 }  // namespace teres

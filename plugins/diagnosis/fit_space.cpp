@@ -6,8 +6,8 @@
 namespace teres {
 namespace {
 
-constexpr double kStep = 0.02;         // finite-difference step, in prior standard deviations
-constexpr double kSmallest = 1e-12;    // physical value of a logarithmic parameter at its null of zero
+constexpr double kStep = 0.02;       // finite-difference step, in prior standard deviations
+constexpr double kSmallest = 1e-12;  // physical value of a logarithmic parameter at its null of zero
 
 }  // namespace
 

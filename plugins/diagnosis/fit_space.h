@@ -8,8 +8,9 @@
 
 namespace teres {
 
-/// The likelihood of a fit counts every number, though residuals are structured model error worth far fewer; beside it the
-/// prior of the ligaments would count for nothing, and they would be bent to hide a cause. Theirs counts so many times.
+/// The likelihood of a fit counts every number, though residuals are structured model error worth far fewer; beside it
+/// the prior of the ligaments would count for nothing, and they would be bent to hide a cause. Theirs counts so many
+/// times.
 constexpr double kLigamentPriorWeight = 8.0;
 
 class FitSpace {

@@ -14,7 +14,9 @@ using Json = nlohmann::ordered_json;
 constexpr double kLeastProbability = 1e-4;  // causes below this are left out, their probability goes to `unknown`
 constexpr std::size_t kLeastCauses = 5;     // always shown
 
-Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
+Json number(double value) {
+    return std::isfinite(value) ? Json(value) : Json(nullptr);
+}
 
 Json names(const EffectTable& effects, const std::vector<std::size_t>& entries) {
     Json list = Json::array();
@@ -34,8 +36,10 @@ Json parameters(const Cause& cause, const EffectTable& effects, const Trajectory
             const double value = cause.fit.at.effects[k].values[p];
             double spread = stdev(space.coordinate(k, p));
             if (entry.parameters[p].transform == EffectTransform::kLog) spread *= value;  // d exp(q) = exp(q) dq
-            Json item{{"name", entry.parameters[p].name}, {"unit", entry.parameters[p].unit},
-                      {"mean", number(value)}, {"stdev", number(spread)}};
+            Json item{{"name", entry.parameters[p].name},
+                      {"unit", entry.parameters[p].unit},
+                      {"mean", number(value)},
+                      {"stdev", number(spread)}};
             if (cause.entries.size() > 1) item["effect"] = entry.info.id;
             list.push_back(std::move(item));
         }
@@ -89,7 +93,8 @@ Json confusability_json(const Confusability& table, const EffectTable& effects, 
     for (std::size_t c = 0; c < table.entries.size(); ++c) {
         Json row = Json::array();
         for (std::size_t d = 0; d < table.entries.size(); ++d)
-            row.push_back(std::round(1e3 * table.overlap(static_cast<Eigen::Index>(c), static_cast<Eigen::Index>(d))) / 1e3);
+            row.push_back(std::round(1e3 * table.overlap(static_cast<Eigen::Index>(c), static_cast<Eigen::Index>(d))) /
+                          1e3);
         json["overlap"].push_back(std::move(row));
     }
     Json pairs = Json::array();
@@ -98,7 +103,8 @@ Json confusability_json(const Confusability& table, const EffectTable& effects, 
             const double overlap = table.overlap(static_cast<Eigen::Index>(c), static_cast<Eigen::Index>(d));
             if (c == d || overlap < calibration.confusable_overlap) continue;
             const std::string a = effects[table.entries[c]].info.id, b = effects[table.entries[d]].info.id;
-            pairs.push_back({{"effect", a}, {"stand_in", b}, {"overlap", overlap}, {"separated_by", separating_experiment(a, b)}});
+            pairs.push_back(
+                {{"effect", a}, {"stand_in", b}, {"overlap", overlap}, {"separated_by", separating_experiment(a, b)}});
         }
     json["inseparable"] = std::move(pairs);
     Json absent = Json::array();
@@ -111,8 +117,8 @@ Json confusability_json(const Confusability& table, const EffectTable& effects, 
     return json;
 }
 
-// Visible: the signature at one prior standard deviation would stand out among nu effective samples of a recording at its
-// floor.
+// Visible: the signature at one prior standard deviation would stand out among nu effective samples of a recording at
+// its floor.
 Json visible(const Confusability& table, const ErrorFloor& floor, const Calibration& calibration) {
     Json list = Json::array();
     for (const double v : table.visibility)
@@ -162,11 +168,14 @@ Json to_json(const Diagnosis& d, const EffectTable& effects, const TrajectoryMod
     json["next_experiment"] = d.next_experiment;
     json["ladder"] = Json::array();
     for (const LadderStep& step : d.ladder)
-        json["ladder"].push_back({{"effects", step.effects}, {"fitted_rms_mm", 1e3 * step.fit_rms_m},
+        json["ladder"].push_back({{"effects", step.effects},
+                                  {"fitted_rms_mm", 1e3 * step.fit_rms_m},
                                   {"heldout_rms_mm", 1e3 * step.heldout_rms_m}});
     json["transfers"] = Json::array();
     for (const Transfer& t : d.transfers)
-        json["transfers"].push_back({{"fitted", t.fitted}, {"predicted", t.predicted}, {"before_rms_mm", 1e3 * t.before_m},
+        json["transfers"].push_back({{"fitted", t.fitted},
+                                     {"predicted", t.predicted},
+                                     {"before_rms_mm", 1e3 * t.before_m},
                                      {"after_rms_mm", 1e3 * t.after_m}});
     const double used = static_cast<double>(d.recording.fit_rows.size());
     json["evidence"] = {{"numbers_used", d.recording.fit_rows.size()},
@@ -206,8 +215,8 @@ std::string report_json(const Diagnosis& d, const EffectTable& effects, const Tr
     json["identifiability"]["visible"] = visible(d.confusability, d.error_floor, calibration);
     Json summaries = Json::object();
     for (std::size_t e = 0; e < effects.size(); ++e)
-        summaries[effects[e].info.id] = {{"summary", effects[e].info.summary}, {"kind", effects[e].info.kind},
-                                         {"family", effects[e].info.family}};
+        summaries[effects[e].info.id] = {
+            {"summary", effects[e].info.summary}, {"kind", effects[e].info.kind}, {"family", effects[e].info.family}};
     json["catalogue"] = std::move(summaries);
 
     // 0.1 mm is finer than a pixel of any picture.
@@ -220,7 +229,8 @@ std::string report_json(const Diagnosis& d, const EffectTable& effects, const Tr
     std::vector<std::int32_t> used(surface.begin(), surface.end());
     std::sort(used.begin(), used.end());
     used.erase(std::unique(used.begin(), used.end()), used.end());
-    for (const std::int32_t node : surface) triangles.push_back(std::lower_bound(used.begin(), used.end(), node) - used.begin());
+    for (const std::int32_t node : surface)
+        triangles.push_back(std::lower_bound(used.begin(), used.end(), node) - used.begin());
     json["surface"] = {{"node_id", used}, {"triangle", std::move(triangles)}, {"unit_m", 1e-4}};
     const auto motion = [&](const std::vector<double>& nodes) {
         Json frames = Json::array();
@@ -245,9 +255,12 @@ std::string report_json(const Diagnosis& d, const EffectTable& effects, const Tr
         before.push_back(std::round(1e6 * d.nominal.trajectory(row)) / 1e6);
         after.push_back(std::round(1e6 * d.after(row)) / 1e6);
     }
-    json["markers"] = {{"marker_id", std::move(marker_ids)}, {"observed_m", std::move(observed)},
-                       {"before_m", std::move(before)}, {"after_m", std::move(after)},
-                       {"first_held_frame", d.recording.first_held_frame}, {"held_markers", d.recording.held_markers}};
+    json["markers"] = {{"marker_id", std::move(marker_ids)},
+                       {"observed_m", std::move(observed)},
+                       {"before_m", std::move(before)},
+                       {"after_m", std::move(after)},
+                       {"first_held_frame", d.recording.first_held_frame},
+                       {"held_markers", d.recording.held_markers}};
     return json.dump() + "\n";
 }
 

@@ -20,7 +20,9 @@ std::vector<std::int32_t> patch_nodes(const TrajectoryModel& model, std::vector<
     triangles.erase(std::unique(triangles.begin(), triangles.end()), triangles.end());
     std::vector<std::int32_t> chosen;
     if (triangles.empty()) return chosen;
-    const auto at = [&](std::int32_t node) { return Eigen::Map<const Eigen::Vector3d>(&positions[3 * static_cast<std::size_t>(node)]); };
+    const auto at = [&](std::int32_t node) {
+        return Eigen::Map<const Eigen::Vector3d>(&positions[3 * static_cast<std::size_t>(node)]);
+    };
     std::vector<double> distance(triangles.size(), std::numeric_limits<double>::infinity());
     std::size_t next = 0;
     while (chosen.size() < std::min(kPatches, triangles.size())) {

@@ -11,7 +11,9 @@ namespace {
 constexpr int kResamples = 400;
 constexpr std::size_t kBlocks = 4;  // of frames: neighbours in time share their error
 
-double fraction_of(double before, double after) { return before > 0.0 ? 1.0 - after / before : 0.0; }
+double fraction_of(double before, double after) {
+    return before > 0.0 ? 1.0 - after / before : 0.0;
+}
 
 }  // namespace
 

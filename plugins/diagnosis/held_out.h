@@ -15,8 +15,8 @@ struct Shrinkage {
 };
 
 /// rms of 3-D distances over `rows` (whole markers), less 3 noise^2.
-double gap_rms_m(const Eigen::VectorXd& observed, const Eigen::VectorXd& simulated, const std::vector<Eigen::Index>& rows,
-                 double noise_m);
+double gap_rms_m(const Eigen::VectorXd& observed, const Eigen::VectorXd& simulated,
+                 const std::vector<Eigen::Index>& rows, double noise_m);
 Shrinkage shrinkage(const Recording& recording, const std::vector<Eigen::Index>& rows, const Eigen::VectorXd& before,
                     const Eigen::VectorXd& after);
 

@@ -6,12 +6,12 @@
 namespace teres {
 namespace {
 
-constexpr double kOvershoot = 1.166;     // Siegmund's correction for discrete time
-constexpr double kStrong = 0.5;          // a marker takes part if its statistic is above this share of the bound
-constexpr double kRigidSpread = 0.35;    // shifts of all markers alike within this share: the camera moved, not the body
-constexpr double kSmoothing = 0.25;      // of the level that tells who is shifted, and how
+constexpr double kOvershoot = 1.166;   // Siegmund's correction for discrete time
+constexpr double kStrong = 0.5;        // a marker takes part if its statistic is above this share of the bound
+constexpr double kRigidSpread = 0.35;  // shifts of all markers alike within this share: the camera moved, not the body
+constexpr double kSmoothing = 0.25;    // of the level that tells who is shifted, and how
 constexpr double kMaxCorrelation = 0.95;
-constexpr double kLeastSpread = 1e-3;    // of z
+constexpr double kLeastSpread = 1e-3;  // of z
 
 double run_length(double k, double h) {
     const double b = 2.0 * k * (h + kOvershoot);
@@ -67,8 +67,9 @@ void InnovationWatch::feed(Channel& c, double e, std::int64_t stamp_us, bool lea
     if (!state_.alarm && c.statistic() < 0.5 * (state_.bound > 0.0 ? state_.bound : 1.0)) {
         const double memory = std::max(1.0, options_.forgetting_s / std::max(period_s_, 1e-3));
         const double w = 1.0 / std::min(static_cast<double>(++c.count), memory);
-        const double bounded = learning ? e : c.mean + std::clamp(e - c.mean, -options_.clip * std::sqrt(c.variance),
-                                                                  options_.clip * std::sqrt(c.variance));
+        const double bounded = learning ? e
+                                        : c.mean + std::clamp(e - c.mean, -options_.clip * std::sqrt(c.variance),
+                                                              options_.clip * std::sqrt(c.variance));
         const double d = bounded - c.mean;
         c.covariance += w * (d * (c.previous - c.mean) - c.covariance);
         c.mean += w * d;

@@ -1,5 +1,5 @@
-// Sequential test of the filter's innovations: tells within a fraction of a second that something began which the filter
-// does not explain, and false alarms at most once an hour.
+// Sequential test of the filter's innovations: tells within a fraction of a second that something began which the
+// filter does not explain, and false alarms at most once an hour.
 //
 //     e   = d / sigma                       innovation of a marker axis (and of the mean over markers: common modes)
 //     z_t = (e_t - phi e_{t-1} - m) / s     whitened: structured model error is correlated in time; m, s, phi learnt
@@ -51,7 +51,8 @@ class InnovationWatch {
   public:
     InnovationWatch(std::size_t markers, const InnovationWatchOptions& options);
 
-    /// [loop] One frame; stamps must not go backwards (a frame that does is ignored). markers as given to the constructor.
+    /// [loop] One frame; stamps must not go backwards (a frame that does is ignored). markers as given to the
+    /// constructor.
     const GapState& update(std::int64_t stamp_us, std::span<const MarkerInnovation> markers) noexcept;
     const GapState& state() const { return state_; }
 

@@ -7,12 +7,13 @@
 namespace teres {
 namespace {
 
-constexpr double kHuber = 3.0;        // weight falls from here on, in medians of the marker distances
-constexpr double kMaxStep = 2.5;      // of a scaled coordinate in one iteration: keeps linearised steps in reach
-constexpr double kDamping = 1e-2;     // at the start
-constexpr double kGrowth = 4.0;       // of the damping after a step that was worse; doubled when it happens again
-constexpr double kFarFromWhole = 1.0;  // scaled coordinates from the last whole simulation: its tangents no longer serve
-constexpr double kNoMove = 1e-9;      // scaled coordinates
+constexpr double kHuber = 3.0;     // weight falls from here on, in medians of the marker distances
+constexpr double kMaxStep = 2.5;   // of a scaled coordinate in one iteration: keeps linearised steps in reach
+constexpr double kDamping = 1e-2;  // at the start
+constexpr double kGrowth = 4.0;    // of the damping after a step that was worse; doubled when it happens again
+constexpr double kFarFromWhole =
+    1.0;                          // scaled coordinates from the last whole simulation: its tangents no longer serve
+constexpr double kNoMove = 1e-9;  // scaled coordinates
 constexpr double kMaxDamping = 1e6;
 
 // Square roots of Huber weights per trajectory row: marker distances against their median.
@@ -33,7 +34,9 @@ Eigen::VectorXd huber_roots(const Eigen::VectorXd& difference) {
     return root;
 }
 
-Eigen::VectorXd zero_where_lost(const Eigen::VectorXd& v) { return v.array().isFinite().select(v, 0.0); }
+Eigen::VectorXd zero_where_lost(const Eigen::VectorXd& v) {
+    return v.array().isFinite().select(v, 0.0);
+}
 
 // dh/du of the trajectory about the simulator's base, which must be `at`.
 Eigen::MatrixXd derivative(Simulator& simulator, const FitSpace& space, const Assumption& at) {
@@ -46,7 +49,9 @@ Eigen::MatrixXd derivative(Simulator& simulator, const FitSpace& space, const As
 // Only so many frames from the first while a fit looks at them alone.
 class Horizon {
   public:
-    Horizon(Simulator& simulator, std::size_t num_frames) : simulator_(simulator) { simulator_.set_horizon(num_frames); }
+    Horizon(Simulator& simulator, std::size_t num_frames) : simulator_(simulator) {
+        simulator_.set_horizon(num_frames);
+    }
     ~Horizon() { simulator_.set_horizon(0); }
     Horizon(const Horizon&) = delete;
     Horizon& operator=(const Horizon&) = delete;
@@ -72,8 +77,7 @@ Fit fit_growing(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
 }  // namespace
 
 Eigen::VectorXd Fit::stdev(double tempering) const {
-    const Eigen::MatrixXd information =
-        Eigen::MatrixXd::Identity(J.cols(), J.cols()) + tempering * J.transpose() * J;
+    const Eigen::MatrixXd information = Eigen::MatrixXd::Identity(J.cols(), J.cols()) + tempering * J.transpose() * J;
     return information.inverse().diagonal().cwiseSqrt();
 }
 
@@ -113,7 +117,8 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
     bool current = false;
     Eigen::VectorXd whole_u = scaled(start);
     const auto linearise = [&](Fit& fit) {
-        const bool far = (fit.u - whole_u).lpNorm<Eigen::Infinity>() > kFarFromWhole && !simulator.mechanics().dynamic();
+        const bool far =
+            (fit.u - whole_u).lpNorm<Eigen::Infinity>() > kFarFromWhole && !simulator.mechanics().dynamic();
         if (far && simulator.simulate(fit.at, fit.trajectory)) {
             weigh(fit);
             whole_u = fit.u;
@@ -124,7 +129,8 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
         current = true;
     };
 
-    // Solves A du = b; a coordinate that stands at its bound and would go beyond stays there, the others go on without it.
+    // Solves A du = b; a coordinate that stands at its bound and would go beyond stays there, the others go on without
+    // it.
     const auto step_within_bounds = [&](const Fit& from, Eigen::MatrixXd A, Eigen::VectorXd b) {
         Eigen::VectorXd du;
         for (Eigen::Index held = -1; held < b.size(); ++held) {

@@ -15,29 +15,29 @@ namespace teres {
 
 struct FitOptions {
     int max_iterations = 8;
-    double tolerance = 0.01;  ///< of the relative decrease of the cost
+    double tolerance = 0.01;     ///< of the relative decrease of the cost
     std::size_t num_frames = 0;  ///< only so many from the first; 0: all
-    bool growing = false;     ///< the beginning of the recording first: a phase must not be off by half a period
-    bool robust = false;      ///< markers far off the rest lose weight (Huber), so that a slipped one does not bend the fit
+    bool growing = false;        ///< the beginning of the recording first: a phase must not be off by half a period
+    bool robust = false;  ///< markers far off the rest lose weight (Huber), so that a slipped one does not bend the fit
 };
 
 struct Fit {
     Assumption at;
-    Eigen::VectorXd u;            ///< scaled coordinates
-    Eigen::VectorXd trajectory;   ///< h(u), full
-    Eigen::VectorXd residual;     ///< W (y - h)
-    Eigen::MatrixXd J;            ///< W dh/du
-    double cost = 0.0;            ///< |residual|^2 + |u|^2 over nominal parameters + |u|^2 over effect parameters
-    double misfit = 0.0;          ///< |residual|^2
-    bool usable = false;          ///< the simulation converged
+    Eigen::VectorXd u;           ///< scaled coordinates
+    Eigen::VectorXd trajectory;  ///< h(u), full
+    Eigen::VectorXd residual;    ///< W (y - h)
+    Eigen::MatrixXd J;           ///< W dh/du
+    double cost = 0.0;           ///< |residual|^2 + |u|^2 over nominal parameters + |u|^2 over effect parameters
+    double misfit = 0.0;         ///< |residual|^2
+    bool usable = false;         ///< the simulation converged
 
     /// Standard deviations of the scaled coordinates when the data count `tempering` times.
     Eigen::VectorXd stdev(double tempering) const;
 };
 
 /// `start`: effects and their values; nominal parameters too. `observed`: full trajectory, NaN where lost.
-Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::VectorXd& observed, const Assumption& start,
-                const FitOptions& options);
+Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::VectorXd& observed,
+                const Assumption& start, const FitOptions& options);
 
 /// The fit with every frame simulated; the simulator's base is then `fit.at`.
 void complete(Simulator& simulator, const Whitener& whitener, const Eigen::VectorXd& observed, Fit& fit);

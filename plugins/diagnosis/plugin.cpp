@@ -22,8 +22,8 @@ namespace teres {
 namespace {
 
 constexpr std::size_t kMaxMessageBytes = 1 << 20;
-constexpr std::size_t kMaxQueue = 8;        // innovations that may wait; beyond it the oldest is dropped
-constexpr std::size_t kMaxMarkers = 4096;   // places remembered
+constexpr std::size_t kMaxQueue = 8;       // innovations that may wait; beyond it the oldest is dropped
+constexpr std::size_t kMaxMarkers = 4096;  // places remembered
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 }  // namespace
@@ -42,10 +42,11 @@ class DiagnosisPlugin final : public Unit, public GapDiagnosis {
         place_.clear();
         TERES_TRY(host_.subscribe<markers_t>("MARKERS", kMaxMessageBytes,
                                              [this](const markers_t& m, std::int64_t) { take_places(m); }));
-        return host_.subscribe<innovation_t>("INNOVATION", kMaxMessageBytes, [this](const innovation_t& m, std::int64_t) {
-            queue_.push_back(m);
-            if (queue_.size() > kMaxQueue) queue_.pop_front();
-        });
+        return host_.subscribe<innovation_t>("INNOVATION", kMaxMessageBytes,
+                                             [this](const innovation_t& m, std::int64_t) {
+                                                 queue_.push_back(m);
+                                                 if (queue_.size() > kMaxQueue) queue_.pop_front();
+                                             });
     }
     teres_step_outcome step(std::int64_t) noexcept override {
         if (queue_.empty()) return TERES_STEP_IDLE;
@@ -78,7 +79,8 @@ class DiagnosisPlugin final : public Unit, public GapDiagnosis {
   private:
     void take_places(const markers_t& m) {
         for (std::size_t k = 0; k < m.marker_id.size(); ++k)
-            if (std::isfinite(m.x_m[k] + m.y_m[k] + m.z_m[k]) && (place_.contains(m.marker_id[k]) || place_.size() < kMaxMarkers))
+            if (std::isfinite(m.x_m[k] + m.y_m[k] + m.z_m[k]) &&
+                (place_.contains(m.marker_id[k]) || place_.size() < kMaxMarkers))
                 place_[m.marker_id[k]] = {m.x_m[k], m.y_m[k], m.z_m[k]};
     }
 
@@ -95,7 +97,9 @@ class DiagnosisPlugin final : public Unit, public GapDiagnosis {
         gap_.header = m.header;
         gap_.header.sequence = sequence_++;
         gap_.alarm = state.alarm;
-        gap_.kind = state.kind == GapKind::kSensor ? "sensor" : state.kind == GapKind::kMechanics ? "mechanics" : "none";
+        gap_.kind = state.kind == GapKind::kSensor      ? "sensor"
+                    : state.kind == GapKind::kMechanics ? "mechanics"
+                                                        : "none";
         gap_.onset_stamp_us = state.onset_us;
         gap_.statistic = state.statistic;
         gap_.bound = state.bound;
@@ -129,8 +133,9 @@ class DiagnosisPlugin final : public Unit, public GapDiagnosis {
         gap_.center_x_m = sum[0] / total;
         gap_.center_y_m = sum[1] / total;
         gap_.center_z_m = sum[2] / total;
-        gap_.radius_m = std::sqrt(std::max(0.0, square / total - gap_.center_x_m * gap_.center_x_m -
-                                                    gap_.center_y_m * gap_.center_y_m - gap_.center_z_m * gap_.center_z_m));
+        gap_.radius_m =
+            std::sqrt(std::max(0.0, square / total - gap_.center_x_m * gap_.center_x_m -
+                                        gap_.center_y_m * gap_.center_y_m - gap_.center_z_m * gap_.center_z_m));
     }
 
     Status work(const GapRequest& request) {
@@ -142,7 +147,9 @@ class DiagnosisPlugin final : public Unit, public GapDiagnosis {
         options.max_effects = request.max_effects;
         options.num_refits = settings.num_refits;
         if (request.progress != nullptr)
-            options.progress = [&](const char* stage, double part) { return request.progress(request.user, stage, part); };
+            options.progress = [&](const char* stage, double part) {
+                return request.progress(request.user, stage, part);
+            };
         for (const char* id : request.excluded)
             if (effects.find(id) == effects.size()) return invalid_input(std::string("no effect is called ") + id);
         if (request.plan_only) {
@@ -175,5 +182,5 @@ class DiagnosisPlugin final : public Unit, public GapDiagnosis {
 
 }  // namespace teres
 
-TERES_PLUGIN(teres::DiagnosisPlugin, "diagnosis", "where simulation and reality part, and which missing effect is to blame",
-             TERES_UNIT_PLUGIN)
+TERES_PLUGIN(teres::DiagnosisPlugin, "diagnosis",
+             "where simulation and reality part, and which missing effect is to blame", TERES_UNIT_PLUGIN)

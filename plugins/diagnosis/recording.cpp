@@ -43,7 +43,8 @@ Result<Recording> make_recording(const GapRecording& from) {
     r.num_markers = from.mechanics->num_markers();
     r.num_frames = from.mechanics->num_frames();
     r.noise_m = from.noise_sigma_m;
-    r.observed = Eigen::Map<const Eigen::VectorXd>(from.observed_m.data(), static_cast<Eigen::Index>(from.observed_m.size()));
+    r.observed =
+        Eigen::Map<const Eigen::VectorXd>(from.observed_m.data(), static_cast<Eigen::Index>(from.observed_m.size()));
     if (r.num_markers < kMinMarkers)
         return invalid_input(r.name + ": " + std::to_string(r.num_markers) + " markers; a diagnosis needs at least " +
                              std::to_string(kMinMarkers));

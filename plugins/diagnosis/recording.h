@@ -2,8 +2,8 @@
 #pragma once
 
 #include <Eigen/Dense>
-#include <string>
 #include <algorithm>
+#include <string>
 #include <vector>
 
 #include "core/extensions/gap_diagnosis.h"

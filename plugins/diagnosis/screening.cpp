@@ -12,7 +12,7 @@ namespace {
 constexpr double kTailDegrees = 4.0;
 constexpr Eigen::Index kCountedAmplitudes = 6;
 constexpr std::int32_t kFewCandidates = 3;  // of a mechanical effect where each costs a whole simulation
-constexpr double kLeastShare = 0.05;  // of a candidate's amplitude: start of parameters that cannot be zero
+constexpr double kLeastShare = 0.05;        // of a candidate's amplitude: start of parameters that cannot be zero
 
 // A (I + J J^T)-weighted inner product without forming the matrix: <a, b> = a.b - (J'a)'(I + J'J)^-1 (J'b).
 class NuisanceMetric {
@@ -62,8 +62,13 @@ double tail_price(const Eigen::VectorXd& a) {
 }
 
 double occam_price(const Eigen::MatrixXd& S, std::size_t num_effects) {
-    const Eigen::VectorXd values = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(S, Eigen::EigenvaluesOnly).eigenvalues();
-    return 0.5 * values.tail(std::min(kCountedAmplitudes * static_cast<Eigen::Index>(num_effects), values.size())).cwiseMax(0.0).array().log1p().sum();
+    const Eigen::VectorXd values =
+        Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(S, Eigen::EigenvaluesOnly).eigenvalues();
+    return 0.5 * values.tail(std::min(kCountedAmplitudes * static_cast<Eigen::Index>(num_effects), values.size()))
+                     .cwiseMax(0.0)
+                     .array()
+                     .log1p()
+                     .sum();
 }
 
 Signatures signatures(Simulator& simulator, const Fit& base, const std::vector<std::size_t>& skip,
@@ -93,7 +98,8 @@ Signatures signatures(Simulator& simulator, const Fit& base, const std::vector<s
 }
 
 Screening screen(const Simulator& simulator, const Signatures& signatures, const Whitener& whitener,
-                 const ErrorFloor& all_frames, const Fit& base, const Calibration& calibration, std::size_t num_frames) {
+                 const ErrorFloor& all_frames, const Fit& base, const Calibration& calibration,
+                 std::size_t num_frames) {
     const EffectTable& table = simulator.effects();
     const auto end = static_cast<Eigen::Index>(3 * simulator.num_markers() * num_frames);
     const auto used = std::lower_bound(whitener.rows().begin(), whitener.rows().end(), end) - whitener.rows().begin();
@@ -146,7 +152,8 @@ Screening screen(const Simulator& simulator, const Signatures& signatures, const
                     effect.signature = columns;
                 }
             }
-            const double score = -0.5 * calibration.nu * std::log(floor.above(cost) / floor.above(out.cost_null)) - tail_price(a) - occam;
+            const double score = -0.5 * calibration.nu * std::log(floor.above(cost) / floor.above(out.cost_null)) -
+                                 tail_price(a) - occam;
             scores.push_back(score);
             if (score > best) {
                 best = score;
@@ -155,9 +162,8 @@ Screening screen(const Simulator& simulator, const Signatures& signatures, const
                 for (std::size_t i = 0; i < amplitude.size(); ++i) {
                     const std::size_t p = amplitude[i];
                     const double share = std::clamp(a(static_cast<Eigen::Index>(i)), -4.0, 4.0);
-                    effect.start.values[p] =
-                        std::clamp(share_value(table[e].parameters[p], full.values[p], share),
-                                   table[e].parameters[p].lower, table[e].parameters[p].upper);
+                    effect.start.values[p] = std::clamp(share_value(table[e].parameters[p], full.values[p], share),
+                                                        table[e].parameters[p].lower, table[e].parameters[p].upper);
                 }
             }
         }

@@ -19,13 +19,13 @@ namespace teres {
 
 struct EffectScreening {
     std::size_t entry = 0;
-    double score = 0.0;            ///< ln of the mean over candidates of exp(score) [nats]
-    double search_cost = 0.0;      ///< best candidate's score minus `score`
-    double explained = 0.0;        ///< share of cost_0 that the best candidate takes away
-    ActiveEffect start;            ///< best candidate with fitted amplitudes
+    double score = 0.0;        ///< ln of the mean over candidates of exp(score) [nats]
+    double search_cost = 0.0;  ///< best candidate's score minus `score`
+    double explained = 0.0;    ///< share of cost_0 that the best candidate takes away
+    ActiveEffect start;        ///< best candidate with fitted amplitudes
     std::size_t num_candidates = 0;
-    double visibility = 0.0;       ///< S of the best-visible candidate: chi^2 at one prior standard deviation
-    Eigen::MatrixXd signature;     ///< (I + J J^T)^-1/2-weighted columns of the best-visible candidate, for overlaps
+    double visibility = 0.0;    ///< S of the best-visible candidate: chi^2 at one prior standard deviation
+    Eigen::MatrixXd signature;  ///< (I + J J^T)^-1/2-weighted columns of the best-visible candidate, for overlaps
 };
 
 struct Screening {
@@ -36,8 +36,9 @@ struct Screening {
 /// Student-t price of amplitudes `a` in prior standard deviations [nats]: far amplitudes are unlikely, not impossible.
 double tail_price(const Eigen::VectorXd& a);
 
-/// 1/2 ln|I + S|, S: tempered chi^2 of amplitudes at one prior standard deviation [nats]. Amplitudes of one effect are not
-/// independent a priori (an organ breathes in one direction with one wave form): the six largest directions of each count.
+/// 1/2 ln|I + S|, S: tempered chi^2 of amplitudes at one prior standard deviation [nats]. Amplitudes of one effect are
+/// not independent a priori (an organ breathes in one direction with one wave form): the six largest directions of each
+/// count.
 double occam_price(const Eigen::MatrixXd& S, std::size_t num_effects = 1);
 
 /// First-order responses of all candidates about a base.
@@ -56,7 +57,7 @@ Signatures signatures(Simulator& simulator, const Fit& base, const std::vector<s
 
 /// num_frames: only so many frames from the first count (all: that of the simulator). A phase that runs away is first
 /// order at the beginning only.
-Screening screen(const Simulator& simulator, const Signatures& signatures, const Whitener& whitener, const ErrorFloor& floor,
-                 const Fit& base, const Calibration& calibration, std::size_t num_frames);
+Screening screen(const Simulator& simulator, const Signatures& signatures, const Whitener& whitener,
+                 const ErrorFloor& floor, const Fit& base, const Calibration& calibration, std::size_t num_frames);
 
 }  // namespace teres

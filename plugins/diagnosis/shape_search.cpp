@@ -35,7 +35,8 @@ void improve_shapes(Simulator& simulator, const Whitener& whitener, const Eigen:
         const Eigen::VectorXd costs = (change.colwise() - fit.residual).colwise().squaredNorm();
         Eigen::Index best = 0;
         if (costs.minCoeff(&best) >= fit.misfit * (1.0 - 1e-3)) return;
-        Fit moved = fit_jointly(simulator, whitener, observed, others[static_cast<std::size_t>(best)], {2, 0.01, false});
+        Fit moved =
+            fit_jointly(simulator, whitener, observed, others[static_cast<std::size_t>(best)], {2, 0.01, false});
         if (!moved.usable || moved.cost >= fit.cost) return;
         fit = std::move(moved);
     }

@@ -22,8 +22,9 @@ double refit_score(const Fit& nominal, const Cause& cause, const EffectTable& ef
     const Eigen::MatrixXd S = G.transpose() * G - G.transpose() * J * H.ldlt().solve(J.transpose() * G);
     const double occam = occam_price(calibration.nu / floor.above(fit.cost) * S, cause.entries.size());
     const double misfit = fit.cost - fit.u.tail(fit.u.size() - theta).squaredNorm();
-    return -0.5 * calibration.nu * std::log(floor.above(misfit) / floor.above(nominal.cost)) - tail_price(fit.u(amplitude)) -
-           occam - cause.search_cost - calibration.further_effect * static_cast<double>(cause.entries.size() - 1);
+    return -0.5 * calibration.nu * std::log(floor.above(misfit) / floor.above(nominal.cost)) -
+           tail_price(fit.u(amplitude)) - occam - cause.search_cost -
+           calibration.further_effect * static_cast<double>(cause.entries.size() - 1);
 }
 
 double explained_share(double cost_null, double cost, const ErrorFloor& floor) {
@@ -35,7 +36,8 @@ Verdict judge(std::vector<Cause> causes, double cost_null, const ErrorFloor& flo
     Verdict verdict;
     const double reached = std::min(floor.total(), cost_null);
     const double rest = reached + calibration.unknown_share * (cost_null - reached);
-    const double unknown = -0.5 * calibration.nu * std::log(floor.above(rest) / floor.above(cost_null)) - calibration.unknown_price;
+    const double unknown =
+        -0.5 * calibration.nu * std::log(floor.above(rest) / floor.above(cost_null)) - calibration.unknown_price;
     double top = std::max(calibration.none_bonus, unknown);
     for (const Cause& cause : causes) top = std::max(top, cause.score);
     double sum = std::exp(calibration.none_bonus - top) + std::exp(unknown - top);

@@ -1,8 +1,8 @@
 // From fitted hypotheses to probabilities. One scale-free score per answer [nats], a softmax over all answers:
 //
 //     none:      bonus
-//     cause c:   -(nu/2) ln(above_c / above_0) - tail(a) - search_c - 1/2 ln|I + (nu/above_c) S_c| - price of further effects
-//     unknown:   -(nu/2) ln(rest / above_0) - price,   rest = above the floor + share of what is beyond it
+//     cause c:   -(nu/2) ln(above_c / above_0) - tail(a) - search_c - 1/2 ln|I + (nu/above_c) S_c| - price of further
+//     effects unknown:   -(nu/2) ln(rest / above_0) - price,   rest = above the floor + share of what is beyond it
 //
 // above: cost beyond the stated noise (error_floor.h).
 #pragma once
@@ -19,15 +19,15 @@ namespace teres {
 /// A set of effects that was fitted (or only screened).
 struct Cause {
     std::vector<std::size_t> entries;
-    Fit fit;                     ///< of the refit; not usable if only screened
-    double search_cost = 0.0;    ///< sum over its effects
+    Fit fit;                   ///< of the refit; not usable if only screened
+    double search_cost = 0.0;  ///< sum over its effects
     double score = 0.0;
     double probability = 0.0;
-    double explained = 0.0;      ///< share of the cost above the floor that it takes away
+    double explained = 0.0;  ///< share of the cost above the floor that it takes away
 };
 
 struct Verdict {
-    std::vector<Cause> causes;   ///< most probable first
+    std::vector<Cause> causes;  ///< most probable first
     double none_probability = 0.0;
     double unknown_probability = 0.0;
 };

@@ -40,7 +40,8 @@ double white_noise_factor(const Eigen::VectorXd& residual, const std::vector<Eig
         if (count > 2) variance.push_back(sum / count);
     }
     if (variance.empty()) return 1.0;
-    std::nth_element(variance.begin(), variance.begin() + static_cast<std::ptrdiff_t>(variance.size() / 2), variance.end());
+    std::nth_element(variance.begin(), variance.begin() + static_cast<std::ptrdiff_t>(variance.size() / 2),
+                     variance.end());
     const double kept = 1.0 - static_cast<double>(kSpatialModes) / static_cast<double>(channels);
     return std::sqrt(variance[variance.size() / 2] / kept);
 }

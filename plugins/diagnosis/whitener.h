@@ -31,8 +31,8 @@ class Whitener {
     std::vector<Eigen::Index> rows_;
     Eigen::VectorXd inverse_sigma_;
     Eigen::MatrixXd U_;
-    Eigen::VectorXd shrink_;    // 1 - 1/sqrt(1 + d^2)
-    Eigen::VectorXd explain_;   // d^2 / (1 + d^2)
+    Eigen::VectorXd shrink_;   // 1 - 1/sqrt(1 + d^2)
+    Eigen::VectorXd explain_;  // d^2 / (1 + d^2)
 };
 
 }  // namespace teres

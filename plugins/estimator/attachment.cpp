@@ -24,17 +24,15 @@ Result<AttachmentMap> AttachmentMap::make(const ForwardModel& model, const Param
     for (std::size_t n = 0; n < num_nodes; ++n) {
         const AttachmentNode node = model.attachment_node(n);
         if (node.parameter < 0 || static_cast<std::size_t>(node.parameter) >= model.num_parameters())
-            return invalid_input(
-                fmt::format("attachment node {}: parameter {} does not exist (the model has {})",
-                            node.node_id, node.parameter, model.num_parameters()));
+            return invalid_input(fmt::format("attachment node {}: parameter {} does not exist (the model has {})",
+                                             node.node_id, node.parameter, model.num_parameters()));
         const ForwardParameter parameter = model.parameter(static_cast<std::size_t>(node.parameter));
         if (!(parameter.attachment_threshold > 0.0))
-            return invalid_input(
-                fmt::format("attachment node {}: parameter {} has no attachment threshold > 0", node.node_id,
-                            parameter.name));
+            return invalid_input(fmt::format("attachment node {}: parameter {} has no attachment threshold > 0",
+                                             node.node_id, parameter.name));
         if (!(node.prior_probability >= 0.0 && node.prior_probability <= 1.0))
-            return invalid_input(fmt::format("attachment node {}: prior probability {} is outside [0, 1]",
-                                             node.node_id, node.prior_probability));
+            return invalid_input(fmt::format("attachment node {}: prior probability {} is outside [0, 1]", node.node_id,
+                                             node.prior_probability));
         const double prior = std::clamp(node.prior_probability, kSurest, 1.0 - kSurest);
         map.node_ids_.push_back(node.node_id);
         map.parameter_.push_back(node.parameter);

@@ -28,8 +28,7 @@ class AttachmentMap {
 
     const std::vector<std::int32_t>& node_ids() const { return node_ids_; }
     /// theta, stdev: filter coordinates. out: one probability per node_ids().
-    void probabilities(const Eigen::VectorXd& theta, const Eigen::VectorXd& stdev,
-                       std::vector<double>& out) const;
+    void probabilities(const Eigen::VectorXd& theta, const Eigen::VectorXd& stdev, std::vector<double>& out) const;
 
   private:
     std::vector<std::int32_t> node_ids_;

@@ -27,8 +27,7 @@ Result<ParameterMap> make_map(const ForwardModel& model, Transform transform) {
     std::vector<ParameterSpec> specs;
     for (std::size_t i = 0; i < model.num_parameters(); ++i) {
         const ForwardParameter p = model.parameter(i);
-        specs.push_back(
-            {p.name, transform, p.prior_median, p.prior_log_stdev, p.prior_stdev, p.lower, p.upper, 0.0});
+        specs.push_back({p.name, transform, p.prior_median, p.prior_log_stdev, p.prior_stdev, p.lower, p.upper, 0.0});
         // A parameter that may be zero or negative has no logarithm.
         if (transform == Transform::kLog && !(p.prior_median > 0.0 && p.lower >= 0.0))
             specs.back().transform = Transform::kProject;
@@ -38,16 +37,15 @@ Result<ParameterMap> make_map(const ForwardModel& model, Transform transform) {
 
 }  // namespace
 
-Result<BoundaryEstimator> BoundaryEstimator::make(ForwardModel& model,
-                                                  const BoundaryEstimatorOptions& options) {
+Result<BoundaryEstimator> BoundaryEstimator::make(ForwardModel& model, const BoundaryEstimatorOptions& options) {
     if (model.num_markers() == 0) return invalid_input("the model has no markers to observe");
     TERES_TRY_ASSIGN(ParameterMap map, make_map(model, options.transform));
     TERES_TRY_ASSIGN(AttachmentMap attachment, AttachmentMap::make(model, map));
     return BoundaryEstimator(model, options, std::move(map), std::move(attachment));
 }
 
-BoundaryEstimator::BoundaryEstimator(ForwardModel& model, const BoundaryEstimatorOptions& options,
-                                     ParameterMap map, AttachmentMap attachment)
+BoundaryEstimator::BoundaryEstimator(ForwardModel& model, const BoundaryEstimatorOptions& options, ParameterMap map,
+                                     AttachmentMap attachment)
     : model_(&model),
       options_(options),
       map_(std::move(map)),
@@ -60,8 +58,7 @@ BoundaryEstimator::BoundaryEstimator(ForwardModel& model, const BoundaryEstimato
     model.rest_state(span_of(state_));
     rest_markers_.resize(rows);
     model.observe(span_of(state_), span_of(rest_markers_), 1);
-    const auto make_filter =
-        options.reduced_order ? make_reduced_order_lane_filter : make_parameter_lane_filter;
+    const auto make_filter = options.reduced_order ? make_reduced_order_lane_filter : make_parameter_lane_filter;
     filter_ = make_filter(state_, map_.prior_mean(), map_.prior_stdev(), options.sigma_points);
 
     noise_ = VectorXd::Ones(rows);
@@ -93,8 +90,7 @@ void BoundaryEstimator::read(const MarkerFrame& frame) {
         if (!p.allFinite() || lost_[j] != 0) continue;
         const double sigma = frame.sigma_m[i];
         z_.segment<3>(static_cast<Index>(3 * j)) = p;
-        sigma_(static_cast<Index>(j)) =
-            std::isfinite(sigma) && sigma > 0.0 ? sigma : options_.default_marker_sigma_m;
+        sigma_(static_cast<Index>(j)) = std::isfinite(sigma) && sigma > 0.0 ? sigma : options_.default_marker_sigma_m;
         present_[j] = 1;
     }
 }
@@ -209,7 +205,8 @@ FrameOutcome BoundaryEstimator::step(const MarkerFrame& frame, ForwardInputs loa
 }
 
 // The markers' rows, below them those of the surface.
-BoundaryEstimator::Rows BoundaryEstimator::with_surface(const SurfaceFrame& frame, const Innovation& markers, double model_share) {
+BoundaryEstimator::Rows BoundaryEstimator::with_surface(const SurfaceFrame& frame, const Innovation& markers,
+                                                        double model_share) {
     Rows rows{markers, noise_, noise_variance(model_share), used_};
     if (!surface_ || frame.x_m.empty()) return rows;
     surface_->look(frame, lanes_);
@@ -228,8 +225,7 @@ BoundaryEstimator::Rows BoundaryEstimator::with_surface(const SurfaceFrame& fram
     return rows;
 }
 
-void BoundaryEstimator::follow_cut(std::span<const std::int32_t> released,
-                                   std::span<const std::int32_t> lost_markers) {
+void BoundaryEstimator::follow_cut(std::span<const std::int32_t> released, std::span<const std::int32_t> lost_markers) {
     for (const auto p : released) {
         const ForwardParameter of = model_->parameter(static_cast<std::size_t>(p));
         const double nothing = std::max(of.lower, kDetachedShare * of.attachment_threshold);

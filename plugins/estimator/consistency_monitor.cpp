@@ -28,8 +28,7 @@ bool ConsistencyMonitor::add(double nis, Eigen::Index degrees_of_freedom) {
     const double sum = std::accumulate(nis_.begin(), nis_.end(), 0.0);
     const double sum_dof = std::accumulate(dof_.begin(), dof_.end(), 0.0);
     const double level = std::max(baseline_, options_.baseline_floor);
-    const double bound =
-        level * std::max(chi_square_quantile(options_.probability, sum_dof), options_.ratio * sum_dof);
+    const double bound = level * std::max(chi_square_quantile(options_.probability, sum_dof), options_.ratio * sum_dof);
     const bool inconsistent = sum > bound;
 
     // Running mean first, exponential later; a jump counts at most `ratio` times the level, so that it is not

@@ -18,10 +18,10 @@ namespace teres {
 class ConsistencyMonitor {
   public:
     struct Options {
-        int window = 3;               ///< frames, >= 1
-        double probability = 0.9999;  ///< of chi2 for the window, in (0, 1)
-        double ratio = 3.0;        ///< >= 1: smallest jump of NIS / dof over its long-run level that counts
-        int baseline_frames = 30;  ///< time constant of the long-run level, >= 1
+        int window = 3;                ///< frames, >= 1
+        double probability = 0.9999;   ///< of chi2 for the window, in (0, 1)
+        double ratio = 3.0;            ///< >= 1: smallest jump of NIS / dof over its long-run level that counts
+        int baseline_frames = 30;      ///< time constant of the long-run level, >= 1
         double baseline_floor = 0.05;  ///< > 0: smallest long-run level
     };
     ConsistencyMonitor() : ConsistencyMonitor(Options{}) {}

@@ -19,8 +19,7 @@ Correction ensemble_correction(const Innovation& innovation, const VectorXd& noi
     TERES_CHECK(used.empty() || static_cast<Index>(used.size()) == m);
 
     Correction correction;
-    for (Index i = 0; i < m; ++i)
-        correction.num_used += used.empty() || used[static_cast<std::size_t>(i)] != 0;
+    for (Index i = 0; i < m; ++i) correction.num_used += used.empty() || used[static_cast<std::size_t>(i)] != 0;
 
     // [R^-1/2 Y; 1] with its columns in reverse order: the reversed R factor then inverts to a lower
     // triangle.

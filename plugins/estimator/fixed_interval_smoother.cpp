@@ -12,8 +12,7 @@ std::vector<SmoothedFrame> smooth(const std::vector<FilteredFrame>& frames) {
         // G^T = (P-)^-1 P, both symmetric.
         const Eigen::MatrixXd G = predicted.ldlt().solve(now.covariance).transpose();
         smoothed[k].mean = now.mean + G * (smoothed[k + 1].mean - now.mean);
-        const Eigen::MatrixXd P =
-            now.covariance + G * (smoothed[k + 1].covariance - predicted) * G.transpose();
+        const Eigen::MatrixXd P = now.covariance + G * (smoothed[k + 1].covariance - predicted) * G.transpose();
         smoothed[k].covariance = 0.5 * (P + P.transpose());
     }
     return smoothed;

@@ -66,8 +66,7 @@ class IteratedSmoother {
             linear[k].valid = advance(frames_[k], theta, lanes, Z);
             if (!linear[k].valid) continue;
             linear[k].zbar = Z * points_.weights;
-            const MatrixXd Y =
-                (Z.colwise() - linear[k].zbar) * points_.weights.asDiagonal() * points_.unit.transpose();
+            const MatrixXd Y = (Z.colwise() - linear[k].zbar) * points_.weights.asDiagonal() * points_.unit.transpose();
             linear[k].H = S.transpose().triangularView<Eigen::Upper>().solve(Y.transpose()).transpose();
         }
         return linear;
@@ -88,8 +87,7 @@ class IteratedSmoother {
             if (linear[k].valid) {
                 const Innovation innovation{frame.z - linear[k].zbar - linear[k].H * (mean - about[k].mean),
                                             linear[k].H * root};
-                const Correction correction =
-                    ensemble_correction(innovation, frame.noise_variance, frame.used);
+                const Correction correction = ensemble_correction(innovation, frame.noise_variance, frame.used);
                 mean += root * correction.weights;
                 root = root * correction.root;
             }
@@ -123,8 +121,7 @@ class IteratedSmoother {
         lanes_not_converged_ += report.lanes - report.lanes_converged;
         Z.resize(frame.z.size(), lanes.cols());
         if (lanes.allFinite()) model_.observe(span_of(lanes), span_of(Z), count);
-        if (progress_)
-            progress_(static_cast<double>(frames_done_++) / static_cast<double>(sweeps_ * frames_.size()));
+        if (progress_) progress_(static_cast<double>(frames_done_++) / static_cast<double>(sweeps_ * frames_.size()));
         if (lanes.allFinite() && Z.allFinite()) return true;
         lanes = start;
         return false;
@@ -141,9 +138,8 @@ class IteratedSmoother {
 
 }  // namespace
 
-SmootherResult smooth_recording(ForwardModel& model, const ParameterMap& map,
-                                const std::vector<RecordedFrame>& frames, int passes,
-                                const std::function<void(double)>& progress) {
+SmootherResult smooth_recording(ForwardModel& model, const ParameterMap& map, const std::vector<RecordedFrame>& frames,
+                                int passes, const std::function<void(double)>& progress) {
     SmootherResult result;
     if (frames.empty()) return result;
     std::vector<FilteredFrame> filtered;
@@ -177,8 +173,7 @@ SmootherResult smooth_recording(ForwardModel& model, const ParameterMap& map,
         result.cost.push_back(least);
         if (!better) {
             // The path stays; its covariance is that of the newest linearisation about it.
-            for (std::size_t k = 0; k < target.size(); ++k)
-                result.frames[k].covariance = target[k].covariance;
+            for (std::size_t k = 0; k < target.size(); ++k) result.frames[k].covariance = target[k].covariance;
             break;
         }
     }

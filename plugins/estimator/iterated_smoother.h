@@ -45,8 +45,7 @@ struct SmootherResult {
 
 /// passes >= 0: 0 is the plain smoother, and J is not evaluated. `progress(share)` gets the part done, in [0,
 /// 1], and may be empty.
-SmootherResult smooth_recording(ForwardModel& model, const ParameterMap& map,
-                                const std::vector<RecordedFrame>& frames, int passes,
-                                const std::function<void(double)>& progress = {});
+SmootherResult smooth_recording(ForwardModel& model, const ParameterMap& map, const std::vector<RecordedFrame>& frames,
+                                int passes, const std::function<void(double)>& progress = {});
 
 }  // namespace teres

@@ -16,8 +16,7 @@ MatrixXd diagonal(const VectorXd& stdev) {
 
 class ReducedOrderLaneFilter final : public LaneFilter {
   public:
-    ReducedOrderLaneFilter(const VectorXd& x, const VectorXd& theta, const VectorXd& stdev,
-                           SigmaPointKind points)
+    ReducedOrderLaneFilter(const VectorXd& x, const VectorXd& theta, const VectorXd& stdev, SigmaPointKind points)
         : filter_(x, theta, diagonal(stdev), {points, 1.0}) {}
 
     Index num_lanes() const override { return filter_.num_points(); }
@@ -26,9 +25,7 @@ class ReducedOrderLaneFilter final : public LaneFilter {
         if ((noise_variance.array() != 0.0).any()) filter_.add_process_noise(noise_variance.asDiagonal());
     }
     void shift_parameters(const VectorXd& delta) override { filter_.shift_parameters(delta); }
-    void release_parameter(Index i, double mean, double stdev) override {
-        filter_.release_parameter(i, mean, stdev);
-    }
+    void release_parameter(Index i, double mean, double stdev) override { filter_.release_parameter(i, mean, stdev); }
     void draw(double spread, MatrixXd& lanes, MatrixXd& theta) override {
         X_ = filter_.sigma_points(spread);
         lanes = X_.topRows(filter_.num_state());
@@ -38,9 +35,7 @@ class ReducedOrderLaneFilter final : public LaneFilter {
         X_.topRows(filter_.num_state()) = lanes;
         filter_.predict(X_);
     }
-    Innovation innovation(const VectorXd& z, const MatrixXd& Z) const override {
-        return filter_.innovation(z, Z);
-    }
+    Innovation innovation(const VectorXd& z, const MatrixXd& Z) const override { return filter_.innovation(z, Z); }
     Correction correct(const Innovation& innovation, const VectorXd& noise_variance,
                        std::span<const std::uint8_t> used) override {
         return filter_.correct(innovation, noise_variance, used);
@@ -58,8 +53,7 @@ class ReducedOrderLaneFilter final : public LaneFilter {
 
 class ParameterLaneFilter final : public LaneFilter {
   public:
-    ParameterLaneFilter(const VectorXd& x, const VectorXd& theta, const VectorXd& stdev,
-                        SigmaPointKind points)
+    ParameterLaneFilter(const VectorXd& x, const VectorXd& theta, const VectorXd& stdev, SigmaPointKind points)
         : filter_(theta, diagonal(stdev), {points, 1.0}), x_(x) {}
 
     Index num_lanes() const override { return filter_.num_points(); }
@@ -74,9 +68,7 @@ class ParameterLaneFilter final : public LaneFilter {
         lanes = x_.replicate(1, filter_.num_points());
     }
     void predict(const MatrixXd&) override {}  // parameters do not move by themselves
-    Innovation innovation(const VectorXd& z, const MatrixXd& Z) const override {
-        return filter_.innovation(z, Z);
-    }
+    Innovation innovation(const VectorXd& z, const MatrixXd& Z) const override { return filter_.innovation(z, Z); }
     Correction correct(const Innovation& innovation, const VectorXd& noise_variance,
                        std::span<const std::uint8_t> used) override {
         return filter_.correct(innovation, noise_variance, used);
@@ -99,8 +91,8 @@ std::unique_ptr<LaneFilter> make_reduced_order_lane_filter(const VectorXd& x, co
     return std::make_unique<ReducedOrderLaneFilter>(x, theta, stdev, points);
 }
 
-std::unique_ptr<LaneFilter> make_parameter_lane_filter(const VectorXd& x, const VectorXd& theta,
-                                                       const VectorXd& stdev, SigmaPointKind points) {
+std::unique_ptr<LaneFilter> make_parameter_lane_filter(const VectorXd& x, const VectorXd& theta, const VectorXd& stdev,
+                                                       SigmaPointKind points) {
     return std::make_unique<ParameterLaneFilter>(x, theta, stdev, points);
 }
 

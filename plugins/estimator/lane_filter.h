@@ -44,10 +44,8 @@ class LaneFilter {
 };
 
 /// prior covariance diagonal, filter coordinates.
-std::unique_ptr<LaneFilter> make_reduced_order_lane_filter(const Eigen::VectorXd& x,
-                                                           const Eigen::VectorXd& theta,
-                                                           const Eigen::VectorXd& stdev,
-                                                           SigmaPointKind points);
+std::unique_ptr<LaneFilter> make_reduced_order_lane_filter(const Eigen::VectorXd& x, const Eigen::VectorXd& theta,
+                                                           const Eigen::VectorXd& stdev, SigmaPointKind points);
 std::unique_ptr<LaneFilter> make_parameter_lane_filter(const Eigen::VectorXd& x, const Eigen::VectorXd& theta,
                                                        const Eigen::VectorXd& stdev, SigmaPointKind points);
 

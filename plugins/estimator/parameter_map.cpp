@@ -51,13 +51,10 @@ Status check(const ParameterSpec& s) {
     if (std::isnan(s.lower) || std::isnan(s.upper) || !(s.lower < s.upper))
         return fail(fmt::format("bounds [{}, {}] are empty", s.lower, s.upper));
     if (s.median < s.lower || s.median > s.upper)
-        return fail(
-            fmt::format("prior median {} is outside its bounds [{}, {}]", s.median, s.lower, s.upper));
+        return fail(fmt::format("prior median {} is outside its bounds [{}, {}]", s.median, s.lower, s.upper));
     if ((s.transform == Transform::kLog || s.log_stdev > 0.0) && !(s.median > 0.0))
-        return fail(
-            fmt::format("prior median {} must be > 0 for a log-normal prior or the transform log", s.median));
-    if ((s.transform == Transform::kSigmoid || s.transform == Transform::kScaledSigmoid) &&
-        !has_finite_bounds(s))
+        return fail(fmt::format("prior median {} must be > 0 for a log-normal prior or the transform log", s.median));
+    if ((s.transform == Transform::kSigmoid || s.transform == Transform::kScaledSigmoid) && !has_finite_bounds(s))
         return fail(fmt::format("transform sigmoid needs finite bounds, not [{}, {}]", s.lower, s.upper));
     return {};
 }
@@ -135,8 +132,7 @@ double ParameterMap::to_filter(Index i, double v) const {
         case Transform::kProject:
             return std::clamp(v, s.lower, s.upper);
         case Transform::kSigmoid: {
-            const double share =
-                std::clamp((v - s.lower) / (s.upper - s.lower), kSigmoidEdge, 1.0 - kSigmoidEdge);
+            const double share = std::clamp((v - s.lower) / (s.upper - s.lower), kSigmoidEdge, 1.0 - kSigmoidEdge);
             return std::log(share / (1.0 - share));
         }
         case Transform::kScaledSigmoid: {

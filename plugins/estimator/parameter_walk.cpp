@@ -7,8 +7,7 @@
 
 namespace teres {
 
-ParameterWalk::Change ParameterWalk::over(double dt_s, const Eigen::VectorXd& variance,
-                                          bool inconsistent) const {
+ParameterWalk::Change ParameterWalk::over(double dt_s, const Eigen::VectorXd& variance, bool inconsistent) const {
     TERES_CHECK(dt_s >= 0.0);
     TERES_CHECK(variance.size() == prior_stdev_.size());
     Change change{Eigen::VectorXd::Ones(variance.size()), Eigen::VectorXd::Zero(variance.size())};

@@ -29,8 +29,7 @@ class ParameterWalk {
         Eigen::VectorXd noise_variance;  ///< diagonal of Q, each >= 0
     };
 
-    ParameterWalk(Options options, const Eigen::VectorXd& prior_stdev)
-        : options_(options), prior_stdev_(prior_stdev) {}
+    ParameterWalk(Options options, const Eigen::VectorXd& prior_stdev) : options_(options), prior_stdev_(prior_stdev) {}
 
     /// variance: diagonal of P. dt_s >= 0. inconsistent: the last frame contradicted the filter.
     Change over(double dt_s, const Eigen::VectorXd& variance, bool inconsistent) const;

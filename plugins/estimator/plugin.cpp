@@ -1,5 +1,5 @@
-// Unit `estimator`: TOOL_LOADS, MARKERS, SURFACE_POINTS and CUT in; BOUNDARY_ESTIMATE, LIVER_STATE and INNOVATION out, one of each
-// per frame, stamped with the capture time of the frame and nothing else, so that a replay gives the same
+// Unit `estimator`: TOOL_LOADS, MARKERS, SURFACE_POINTS and CUT in; BOUNDARY_ESTIMATE, LIVER_STATE and INNOVATION out,
+// one of each per frame, stamped with the capture time of the frame and nothing else, so that a replay gives the same
 // bytes.
 #include <algorithm>
 #include <cmath>
@@ -42,8 +42,11 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
         TERES_TRY_ASSIGN(options_, settings.options());
         surface_.reset();
         if (!settings.surface) return {};
-        if (settings.keep_recording) return invalid_input("estimator.surface and estimator.keep_recording exclude each other: the smoother knows markers only");
-        if (settings.case_folder.empty()) return invalid_input("estimator.surface needs estimator.case (or service.case): no case folder is named");
+        if (settings.keep_recording)
+            return invalid_input(
+                "estimator.surface and estimator.keep_recording exclude each other: the smoother knows markers only");
+        if (settings.case_folder.empty())
+            return invalid_input("estimator.surface needs estimator.case (or service.case): no case folder is named");
         CaseReadOptions reading;
         reading.observations = false;
         TERES_TRY_ASSIGN(const Case c, read_case(settings.case_folder, reading));
@@ -73,15 +76,16 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
         queue_.clear();
         cuts_.clear();
         prepare_messages();
-        TERES_TRY(host_.subscribe<tool_loads_t>(
-            "TOOL_LOADS", kMaxMessageBytes, [this](const tool_loads_t& m, std::int64_t) { take_loads(m); }));
+        TERES_TRY(host_.subscribe<tool_loads_t>("TOOL_LOADS", kMaxMessageBytes,
+                                                [this](const tool_loads_t& m, std::int64_t) { take_loads(m); }));
         TERES_TRY(host_.subscribe<markers_t>("MARKERS", kMaxMessageBytes,
                                              [this](const markers_t& m, std::int64_t) { take_markers(m); }));
         if (surface_)
-            TERES_TRY(host_.subscribe<surface_points_t>("SURFACE_POINTS", kMaxMessageBytes,
-                                                        [this](const surface_points_t& m, std::int64_t) { take_surface(m); }));
-        TERES_TRY(host_.subscribe<cut_t>("CUT", kMaxMessageBytes,
-                                         [this](const cut_t& m, std::int64_t) { take_cut(m); }));
+            TERES_TRY(host_.subscribe<surface_points_t>(
+                "SURFACE_POINTS", kMaxMessageBytes,
+                [this](const surface_points_t& m, std::int64_t) { take_surface(m); }));
+        TERES_TRY(
+            host_.subscribe<cut_t>("CUT", kMaxMessageBytes, [this](const cut_t& m, std::int64_t) { take_cut(m); }));
         return {};
     }
 
@@ -120,13 +124,9 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
 
     // OfflineEstimate
     std::size_t num_parameters() const override { return model_ != nullptr ? model_->num_parameters() : 0; }
-    std::size_t num_attachment_nodes() const override {
-        return model_ != nullptr ? model_->num_attachment_nodes() : 0;
-    }
+    std::size_t num_attachment_nodes() const override { return model_ != nullptr ? model_->num_attachment_nodes() : 0; }
     std::size_t num_frames() const override { return estimator_ ? estimator_->recording().size() : 0; }
-    std::int64_t frame_stamp_us(std::size_t frame) const override {
-        return estimator_->recording()[frame].stamp_us;
-    }
+    std::int64_t frame_stamp_us(std::size_t frame) const override { return estimator_->recording()[frame].stamp_us; }
     bool smooth(int passes, void (*progress)(void*, double), void* user) noexcept override {
         if (num_frames() == 0) return false;
         const bool quasi_static = model_->num_state() == 3 * model_->num_nodes();
@@ -151,8 +151,7 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
     void attachment(std::size_t frame, std::span<double> probability) const override {
         const SmoothedFrame& smoothed = smoothed_.frames[frame];
         std::vector<double> out;
-        estimator_->attachment().probabilities(smoothed.mean, smoothed.covariance.diagonal().cwiseSqrt(),
-                                               out);
+        estimator_->attachment().probabilities(smoothed.mean, smoothed.covariance.diagonal().cwiseSqrt(), out);
         std::copy(out.begin(), out.end(), probability.begin());
     }
 
@@ -164,16 +163,15 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
         if (loads_->add(message) != LoadBook::Entry::kTaken)
             warn_once(loads_warned_, "TOOL_LOADS refused: a force is not finite or time went backwards");
         if (unknown_before == 0 && loads_->num_unknown() > 0)
-            warn_once(names_warned_, "TOOL_LOADS names '" + loads_->first_unknown() +
-                                         "', which the case does not have: ignored");
+            warn_once(names_warned_,
+                      "TOOL_LOADS names '" + loads_->first_unknown() + "', which the case does not have: ignored");
     }
 
     void take_markers(const markers_t& message) {
         if (!estimator_) return;
         if (queue_.size() >= static_cast<std::size_t>(settings.max_queue)) {
             queue_.pop_front();
-            warn_once(queue_warned_,
-                      "marker frames arrive faster than they are worked through: oldest dropped");
+            warn_once(queue_warned_, "marker frames arrive faster than they are worked through: oldest dropped");
             overflowed_ = true;
         }
         queue_.push_back(message);
@@ -187,7 +185,8 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
     }
 
     SurfaceFrame surface_of(std::int64_t frame_us) {
-        while (!surface_points_.empty() && surface_points_.front().header.capture_stamp_us < frame_us) surface_points_.pop_front();
+        while (!surface_points_.empty() && surface_points_.front().header.capture_stamp_us < frame_us)
+            surface_points_.pop_front();
         if (surface_points_.empty() || surface_points_.front().header.capture_stamp_us != frame_us) return {};
         const surface_points_t& m = surface_points_.front();
         return {m.feature_id, m.x_m, m.y_m, m.z_m, m.sigma_m, m.rest_x_m, m.rest_y_m, m.rest_z_m};
@@ -195,10 +194,10 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
 
     void take_cut(const cut_t& message) {
         if (!estimator_) return;
-        const char* refusal = topology_ == nullptr         ? "the model cannot be cut"
-                              : settings.keep_recording    ? "an offline estimate smooths over one topology"
-                              : cuts_.size() >= kMaxCuts   ? "too many cuts wait for a marker frame"
-                                                           : nullptr;
+        const char* refusal = topology_ == nullptr       ? "the model cannot be cut"
+                              : settings.keep_recording  ? "an offline estimate smooths over one topology"
+                              : cuts_.size() >= kMaxCuts ? "too many cuts wait for a marker frame"
+                                                         : nullptr;
         if (refusal != nullptr) {
             host_.log(TERES_LOG_WARN, "estimator", std::string("CUT refused: ") + refusal);
             return;
@@ -219,13 +218,13 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
                     released.push_back(static_cast<std::int32_t>(p));
             const CutReport report = topology_->cut(cut.tet, released);
             if (report.outcome != CutOutcome::kDone || released.size() < cut.released.size())
-                host_.log(TERES_LOG_WARN, "estimator",
-                          report.outcome == CutOutcome::kNothingHolds ? "CUT refused: nothing would hold the body any more"
-                          : report.outcome == CutOutcome::kNotSupported
-                              ? "CUT refused: elements of this kind cannot be cut"
-                          : report.outcome == CutOutcome::kUnknownIndex
-                              ? "CUT refused: it names a tetrahedron that the case does not have"
-                              : "CUT names a parameter that the case does not have, or one twice: passed over");
+                host_.log(
+                    TERES_LOG_WARN, "estimator",
+                    report.outcome == CutOutcome::kNothingHolds   ? "CUT refused: nothing would hold the body any more"
+                    : report.outcome == CutOutcome::kNotSupported ? "CUT refused: elements of this kind cannot be cut"
+                    : report.outcome == CutOutcome::kUnknownIndex
+                        ? "CUT refused: it names a tetrahedron that the case does not have"
+                        : "CUT names a parameter that the case does not have, or one twice: passed over");
             if (report.outcome != CutOutcome::kDone) continue;
             for (std::size_t j = 0; j < model_->num_markers(); ++j)
                 if (topology_->marker_lost(j)) lost.push_back(static_cast<std::int32_t>(j));
@@ -238,7 +237,13 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
     }
 
     teres_step_outcome work(const markers_t& m) noexcept {
-        const MarkerFrame frame{m.header.capture_stamp_us, m.marker_id, m.x_m, m.y_m, m.z_m, m.sigma_m, surface_of(m.header.capture_stamp_us)};
+        const MarkerFrame frame{m.header.capture_stamp_us,
+                                m.marker_id,
+                                m.x_m,
+                                m.y_m,
+                                m.z_m,
+                                m.sigma_m,
+                                surface_of(m.header.capture_stamp_us)};
         follow_cuts(frame.stamp_us);
         const std::int64_t unknown_before = estimator_->counters().markers_unknown;
         const FrameOutcome outcome = estimator_->step(frame, loads_->at(frame.stamp_us));
@@ -264,8 +269,7 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
             estimate_.name.emplace_back(model_->parameter(i).name);
             estimate_.unit.emplace_back(model_->parameter(i).unit);
         }
-        for (auto* field :
-             {&estimate_.mean, &estimate_.stdev, &estimate_.observability, &estimate_.filter_mean})
+        for (auto* field : {&estimate_.mean, &estimate_.stdev, &estimate_.observability, &estimate_.filter_mean})
             field->assign(model_->num_parameters(), 0.0);
         estimate_.num_covariance = p * (p + 1) / 2;
         estimate_.filter_covariance.assign(static_cast<std::size_t>(estimate_.num_covariance), 0.0);
@@ -370,8 +374,7 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
     std::int64_t newest_marker_us_ = 0;
     SmootherResult smoothed_;
     bool overflowed_ = false, arrived_ = false;
-    bool loads_warned_ = false, names_warned_ = false, queue_warned_ = false, time_warned_ = false,
-         ids_warned_ = false;
+    bool loads_warned_ = false, names_warned_ = false, queue_warned_ = false, time_warned_ = false, ids_warned_ = false;
     std::int64_t sequence_ = 0;
     boundary_estimate_t estimate_{};
     liver_state_t liver_{};
@@ -380,5 +383,5 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
 
 }  // namespace teres
 
-TERES_PLUGIN(teres::EstimatorPlugin, "estimator",
-             "unscented Kalman filters: what holds the liver, from its markers", TERES_UNIT_PLUGIN)
+TERES_PLUGIN(teres::EstimatorPlugin, "estimator", "unscented Kalman filters: what holds the liver, from its markers",
+             TERES_UNIT_PLUGIN)

@@ -104,8 +104,8 @@ Correction RoUkf::correct(const Innovation& innovation, const VectorXd& noise_va
     return correction;
 }
 
-Correction RoUkf::correct(const VectorXd& z, const Eigen::Ref<const MatrixXd>& Z,
-                          const VectorXd& noise_variance, std::span<const std::uint8_t> used) {
+Correction RoUkf::correct(const VectorXd& z, const Eigen::Ref<const MatrixXd>& Z, const VectorXd& noise_variance,
+                          std::span<const std::uint8_t> used) {
     return correct(innovation(z, Z), noise_variance, used);
 }
 

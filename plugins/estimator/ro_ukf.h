@@ -33,8 +33,7 @@ class RoUkf {
 
     /// The state x starts known exactly: its uncertainty is that of the parameters, carried over by the
     /// model. P_theta: p x p symmetric positive definite.
-    RoUkf(const Eigen::VectorXd& x, const Eigen::VectorXd& theta, const Eigen::MatrixXd& P_theta,
-          Options options);
+    RoUkf(const Eigen::VectorXd& x, const Eigen::VectorXd& theta, const Eigen::MatrixXd& P_theta, Options options);
     RoUkf(const Eigen::VectorXd& x, const Eigen::VectorXd& theta, const Eigen::MatrixXd& P_theta)
         : RoUkf(x, theta, P_theta, Options{}) {}
 

@@ -52,11 +52,9 @@ struct EstimatorSettings {
         field("reinflation_ratio", reinflation_ratio, {1.0, 1e6},
               "frames contradict the filter when NIS / degrees of freedom exceeds its long-run level this "
               "many times");
-        field("gate_probability", gate_probability, {0.5, 1.0},
-              "share of good markers that pass the gate; 1: no gate");
-        field(
-            "max_gated_share", max_gated_share, {0.0, 1.0},
-            "with more outliers than this share of the markers none is gated: the model is wrong, not they");
+        field("gate_probability", gate_probability, {0.5, 1.0}, "share of good markers that pass the gate; 1: no gate");
+        field("max_gated_share", max_gated_share, {0.0, 1.0},
+              "with more outliers than this share of the markers none is gated: the model is wrong, not they");
         field("default_marker_sigma_m", default_marker_sigma_m, {1e-6, 0.1},
               "noise per axis [m] of markers whose message states none");
         field("relative_model_error", relative_model_error, {0.0, 1.0},
@@ -76,7 +74,8 @@ struct EstimatorSettings {
               "time");
         field("surface", surface, "SURFACE_POINTS are observed beside MARKERS");
         field("case", case_folder, "", "surface: case folder (teres-case-1) with the mesh; empty: that of [service]");
-        field("surface_gate_m", surface_options.gate_m, {1e-4, 0.5}, "surface points farther from the prediction are of something else");
+        field("surface_gate_m", surface_options.gate_m, {1e-4, 0.5},
+              "surface points farther from the prediction are of something else");
         field("surface_correlated_points", surface_options.correlated_points, {1.0, 1e6},
               "so many points of the depth surface count as one: the model's error is alike over neighbours");
     }

@@ -21,8 +21,7 @@ SigmaPoints make_simplex(Eigen::Index p) {
         W(i, i + 1) = -k * s;
     }
     // |I_i|^2 = p: all points at the same distance from the mean.
-    return {std::sqrt(static_cast<double>(p)) * W, Eigen::VectorXd::Constant(r, 1.0 / static_cast<double>(r)),
-            1.0};
+    return {std::sqrt(static_cast<double>(p)) * W, Eigen::VectorXd::Constant(r, 1.0 / static_cast<double>(r)), 1.0};
 }
 
 SigmaPoints make_star(Eigen::Index p, double lambda, bool constant_weight) {

@@ -41,7 +41,8 @@ void SurfaceObservation::find_triangles(const VectorXd& mean) {
     radii_.resize(std::ssize(triangles));
     for (Index t = 0; t < radii_.size(); ++t) {
         Eigen::Matrix3d corners;
-        for (int k = 0; k < 3; ++k) corners.col(k) = mean.segment<3>(3 * triangles[static_cast<std::size_t>(t)][static_cast<std::size_t>(k)]);
+        for (int k = 0; k < 3; ++k)
+            corners.col(k) = mean.segment<3>(3 * triangles[static_cast<std::size_t>(t)][static_cast<std::size_t>(k)]);
         centers_.col(t) = corners.rowwise().mean();
         radii_(t) = (corners.colwise() - centers_.col(t)).colwise().norm().maxCoeff();
     }
@@ -55,8 +56,9 @@ SurfaceObservation::Spot SurfaceObservation::nearest(const Vector3d& p) const {
         const double reach = distance + radii_(t);
         if ((centers_.col(t) - p).squaredNorm() > reach * reach) continue;
         const auto& [a, b, c] = surface_.triangles()[static_cast<std::size_t>(t)];
-        const Spot spot{static_cast<std::int32_t>(t), closest_barycentric(point(p), point(mean_.segment<3>(3 * a)), point(mean_.segment<3>(3 * b)),
-                                                                          point(mean_.segment<3>(3 * c)))};
+        const Spot spot{static_cast<std::int32_t>(t),
+                        closest_barycentric(point(p), point(mean_.segment<3>(3 * a)), point(mean_.segment<3>(3 * b)),
+                                            point(mean_.segment<3>(3 * c)))};
         if (const double d = (at(spot, mean_) - p).norm(); d < distance) {
             distance = d;
             best = spot;
@@ -74,7 +76,8 @@ void SurfaceObservation::look(const SurfaceFrame& frame, const MatrixXd& lanes) 
     std::vector<Row> rows;
     find_triangles(lanes.topRows(rest_.size()).rowwise().mean());
     for (std::size_t i = 0; i < frame.x_m.size(); ++i) {
-        const Vector3d p(frame.x_m[i], frame.y_m[i], frame.z_m[i]), X(frame.rest_x_m[i], frame.rest_y_m[i], frame.rest_z_m[i]);
+        const Vector3d p(frame.x_m[i], frame.y_m[i], frame.z_m[i]),
+            X(frame.rest_x_m[i], frame.rest_y_m[i], frame.rest_z_m[i]);
         if (!p.allFinite() || !(frame.sigma_m[i] > 0.0) || !std::isfinite(frame.sigma_m[i])) continue;
         if (frame.feature_id[i] >= 0) {
             if (!X.allFinite()) continue;
@@ -100,7 +103,8 @@ void SurfaceObservation::look(const SurfaceFrame& frame, const MatrixXd& lanes) 
         sigma_(r) = row.sigma;
         counted_(r) = row.counted;
         displacement_(r) = (at(row.spot, mean_) - at(row.spot, rest_)).norm();
-        for (Index lane = 0; lane < lanes.cols(); ++lane) Z_(r, lane) = row.direction.dot(at(row.spot, lanes.col(lane)));
+        for (Index lane = 0; lane < lanes.cols(); ++lane)
+            Z_(r, lane) = row.direction.dot(at(row.spot, lanes.col(lane)));
     }
 }
 
@@ -118,7 +122,8 @@ std::vector<std::uint8_t> SurfaceObservation::gate(const Innovation& innovation)
     std::vector<double> sorted(distance.begin(), distance.end());
     const auto middle = sorted.begin() + std::ssize(sorted) / 2;
     std::nth_element(sorted.begin(), middle, sorted.end());
-    const double bound = std::max(1.0, *middle / chi_square_quantile(0.5, 1.0)) * chi_square_quantile(options_.probability, 1.0);
+    const double bound =
+        std::max(1.0, *middle / chi_square_quantile(0.5, 1.0)) * chi_square_quantile(options_.probability, 1.0);
     for (std::size_t r = 0; r < use.size(); ++r) use[r] = distance(static_cast<Index>(r)) <= bound;
     return use;
 }

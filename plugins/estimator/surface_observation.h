@@ -1,4 +1,5 @@
-// Points measured on the organ's surface as rows of a filter's observation. x^i: lane i, w: weights in a surface triangle.
+// Points measured on the organ's surface as rows of a filter's observation. x^i: lane i, w: weights in a surface
+// triangle.
 //
 //     depth surface     which point of the model it is, no one knows: the nearest triangle of the mean prediction, its
 //                       normal n, stay fixed for the frame; point to plane      z = n.p     Z_i = n.(sum_k w_k x_k^i)
@@ -19,9 +20,9 @@
 namespace teres {
 
 struct SurfaceOptions {
-    double gate_m = 0.01;             ///< points farther from the prediction are of something else
+    double gate_m = 0.01;  ///< points farther from the prediction are of something else
     double correlated_points = 10.0;
-    double probability = 0.9999;      ///< share of good rows that pass
+    double probability = 0.9999;  ///< share of good rows that pass
     double relative_model_error = 0.05, model_error_sigma_m = 0.0003;
 };
 

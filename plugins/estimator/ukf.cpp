@@ -8,9 +8,7 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 Ukf::Ukf(const VectorXd& mean, const MatrixXd& P, Options options)
-    : points_(make_sigma_points(options.points, mean.size(), options.star_lambda)),
-      mean_(mean),
-      S_(lower_root(P)) {}
+    : points_(make_sigma_points(options.points, mean.size(), options.star_lambda)), mean_(mean), S_(lower_root(P)) {}
 
 void Ukf::add_process_noise(const MatrixXd& Q) {
     TERES_CHECK(Q.rows() == size() && Q.cols() == size());
@@ -75,8 +73,8 @@ Correction Ukf::correct(const Innovation& innovation, const VectorXd& noise_vari
     return correction;
 }
 
-Correction Ukf::correct(const VectorXd& z, const Eigen::Ref<const MatrixXd>& Z,
-                        const VectorXd& noise_variance, std::span<const std::uint8_t> used) {
+Correction Ukf::correct(const VectorXd& z, const Eigen::Ref<const MatrixXd>& Z, const VectorXd& noise_variance,
+                        std::span<const std::uint8_t> used) {
     return correct(innovation(z, Z), noise_variance, used);
 }
 

@@ -12,7 +12,7 @@ namespace {
 constexpr double kSmallest = 0.15, kLargest = 2.2;  // area over that of a dot seen face on
 constexpr double kThinnest = 0.22;                  // minor over major axis
 constexpr double kFullness = 0.80;                  // area over that of the ellipse with the same moments
-constexpr double kLeastCover = 0.1;                  // of a pixel beside the dot; less is texture and noise
+constexpr double kLeastCover = 0.1;                 // of a pixel beside the dot; less is texture and noise
 constexpr int kRim = 3;                             // pixels around the bounding box
 constexpr double kSlopeRidge = 10.0;                // px²: a one-sided rim tells no slope
 constexpr double kLevelsPerDoubling = 36.0;         // of the logarithmic picture
@@ -22,7 +22,8 @@ const cv::Mat& log_table() {
     static const cv::Mat table = [] {
         cv::Mat t(1, 256, CV_8U);
         for (int g = 0; g < 256; ++g)
-            t.at<std::uint8_t>(g) = cv::saturate_cast<std::uint8_t>(kLevelsPerDoubling * std::log2(1.0 + g / kDarkGrey));
+            t.at<std::uint8_t>(g) =
+                cv::saturate_cast<std::uint8_t>(kLevelsPerDoubling * std::log2(1.0 + g / kDarkGrey));
         return t;
     }();
     return table;

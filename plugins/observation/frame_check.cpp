@@ -49,10 +49,22 @@ int empty_rows_below(const cv::Mat& image) {
 }  // namespace
 
 const char* fault_name(FrameFault fault) {
-    static constexpr std::array names{"without calibration", "of another serial number", "wrong size", "wrong fourcc",
-                                      "wrong byte count",    "wrong byte order",         "undecodable",              "half frame", "depth unit 0",
-                                      "black",               "saturated",                "frozen",     "repeated",
-                                      "late",                "unpaired",                "cameras swapped"};
+    static constexpr std::array names{"without calibration",
+                                      "of another serial number",
+                                      "wrong size",
+                                      "wrong fourcc",
+                                      "wrong byte count",
+                                      "wrong byte order",
+                                      "undecodable",
+                                      "half frame",
+                                      "depth unit 0",
+                                      "black",
+                                      "saturated",
+                                      "frozen",
+                                      "repeated",
+                                      "late",
+                                      "unpaired",
+                                      "cameras swapped"};
     static_assert(names.size() == static_cast<std::size_t>(FrameFault::kCount));
     return names[static_cast<std::size_t>(fault)];
 }
@@ -73,8 +85,10 @@ std::optional<cv::Mat> FrameCheck::take(const image_t& frame) noexcept {
 std::optional<FrameFault> FrameCheck::examine(const image_t& frame, cv::Mat& image) {
     if (const auto fault = examine_time(frame)) return fault;
     if (!info_) return FrameFault::kNoCalibration;
-    if (!info_->serial.empty() && !frame.serial.empty() && frame.serial != info_->serial) return FrameFault::kOtherSerial;
-    if (frame.width_px != info_->camera.width_px || frame.height_px != info_->camera.height_px) return FrameFault::kWrongSize;
+    if (!info_->serial.empty() && !frame.serial.empty() && frame.serial != info_->serial)
+        return FrameFault::kOtherSerial;
+    if (frame.width_px != info_->camera.width_px || frame.height_px != info_->camera.height_px)
+        return FrameFault::kWrongSize;
     if (kind_ == Kind::kDepth && !(info_->depth_unit_m > 0.0)) return FrameFault::kNoDepthUnit;
     if (const auto fault = decode(frame, image)) return fault;
     const std::uint64_t fingerprint = fingerprint_of(frame.data);
@@ -99,8 +113,9 @@ std::optional<FrameFault> FrameCheck::decode(const image_t& frame, cv::Mat& imag
     const cv::Size size(frame.width_px, frame.height_px);
     if (depth && frame.fourcc == "RVL ") {
         image.create(size, CV_16U);
-        return decode_depth(frame.data, {image.ptr<std::uint16_t>(), image.total()}) ? std::nullopt
-                                                                                     : std::optional(FrameFault::kHalfFrame);
+        return decode_depth(frame.data, {image.ptr<std::uint16_t>(), image.total()})
+                   ? std::nullopt
+                   : std::optional(FrameFault::kHalfFrame);
     }
     if (!depth && frame.fourcc == "MJPG") {
         const std::size_t n = frame.data.size();
@@ -120,7 +135,8 @@ std::optional<FrameFault> FrameCheck::decode(const image_t& frame, cv::Mat& imag
                                                    {"GREY", 1, CV_8UC1, -1}}};
     Layout layout{"Z16 ", 2, CV_16UC1, -1};
     if (!depth) {
-        const auto found = std::find_if(colors.begin(), colors.end(), [&](const Layout& l) { return frame.fourcc == l.fourcc; });
+        const auto found =
+            std::find_if(colors.begin(), colors.end(), [&](const Layout& l) { return frame.fourcc == l.fourcc; });
         if (found == colors.end()) return FrameFault::kWrongFourcc;
         layout = *found;
     } else if (frame.fourcc != layout.fourcc) {

@@ -19,7 +19,7 @@ enum class FrameFault {
     kWrongSize,
     kWrongFourcc,
     kWrongBytes,  ///< byte count or row stride do not fit the size
-    kByteOrder,    ///< raw depth with its bytes exchanged
+    kByteOrder,   ///< raw depth with its bytes exchanged
     kUndecodable,
     kHalfFrame,  ///< compressed data without end, or the lower rows are empty
     kNoDepthUnit,

@@ -7,7 +7,7 @@ namespace teres {
 namespace {
 
 constexpr double kForget_s = 120.0;
-constexpr double kMinSpan_s = 2.0;        // shorter: no drift is told
+constexpr double kMinSpan_s = 2.0;            // shorter: no drift is told
 constexpr double kOffsetRise_s_per_s = 1e-4;  // the floor may rise this fast: a clock step is forgotten in time
 
 }  // namespace

@@ -2,8 +2,8 @@
 //
 //     reception - capture = offset + drift (capture - t₀) + delay,    delay >= 0
 //
-// drift by least squares with exponential forgetting; offset is the smallest difference left, so that latency counts from
-// the fastest frame (the constant part of the transport cannot be told from a clock offset).
+// drift by least squares with exponential forgetting; offset is the smallest difference left, so that latency counts
+// from the fastest frame (the constant part of the transport cannot be told from a clock offset).
 #pragma once
 
 #include <cstdint>

@@ -13,7 +13,9 @@ Result<std::vector<Landmark>> read_landmarks(const std::filesystem::path& file) 
         landmarks.push_back({table.text(row, 0),
                              {table.number(row, 1), table.number(row, 2), table.number(row, 3)},
                              {table.number(row, 4), table.number(row, 5)}});
-    if (landmarks.size() < 3) return invalid_input(table.name() + ": " + std::to_string(landmarks.size()) + " landmarks, at least 3 are needed");
+    if (landmarks.size() < 3)
+        return invalid_input(table.name() + ": " + std::to_string(landmarks.size()) +
+                             " landmarks, at least 3 are needed");
     return landmarks;
 }
 

@@ -1,4 +1,5 @@
-// Landmarks of the model (ends of the falciform, the ridge, vessels, markers) and where they are seen in the tracking camera's image.
+// Landmarks of the model (ends of the falciform, the ridge, vessels, markers) and where they are seen in the tracking
+// camera's image.
 #pragma once
 
 #include <filesystem>

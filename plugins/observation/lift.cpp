@@ -27,7 +27,8 @@ double median(std::vector<double>& values) {
 
 }  // namespace
 
-Eigen::Matrix3d ray_covariance(const Eigen::Vector3d& ray, double z_m, double pixel_sigma, double focal_px, double sigma_z_m) {
+Eigen::Matrix3d ray_covariance(const Eigen::Vector3d& ray, double z_m, double pixel_sigma, double focal_px,
+                               double sigma_z_m) {
     const double across = pixel_sigma * z_m / focal_px;
     Eigen::Matrix3d covariance = sigma_z_m * sigma_z_m * ray * ray.transpose();
     covariance.diagonal().head<2>().array() += across * across;
@@ -57,7 +58,8 @@ std::optional<LiftedPoint> DepthLift::at(const Blob& dot, double guess_z_m) cons
 }
 
 std::optional<DepthLift::Depth> DepthLift::depth_at(const Pixel& pixel, double guess_z_m) const {
-    const int radius = std::clamp(static_cast<int>(std::lround(options_.window_radius_m * depth_.fx_px / guess_z_m)), 2, 12);
+    const int radius =
+        std::clamp(static_cast<int>(std::lround(options_.window_radius_m * depth_.fx_px / guess_z_m)), 2, 12);
     const int cu = static_cast<int>(std::lround(pixel.u)), cv = static_cast<int>(std::lround(pixel.v));
     if (cu < radius || cv < radius || cu + radius >= counts_.cols || cv + radius >= counts_.rows) return std::nullopt;
     std::vector<Sample> samples;
@@ -81,7 +83,9 @@ std::optional<DepthLift::Depth> DepthLift::depth_at(const Pixel& pixel, double g
     double scale = 0.0;
     for (int pass = 0; pass < 3; ++pass) {
         values.clear();
-        const auto off = [&](const Sample& s) { return std::abs(s.inverse_z - plane[0] - plane[1] * s.du - plane[2] * s.dv); };
+        const auto off = [&](const Sample& s) {
+            return std::abs(s.inverse_z - plane[0] - plane[1] * s.du - plane[2] * s.dv);
+        };
         for (const Sample& s : samples) values.push_back(off(s));
         // Scaled median deviation, never below the rounding of a depth count.
         scale = std::max(1.4826 * median(values), 0.5 * unit_m_ * plane[0] * plane[0]);

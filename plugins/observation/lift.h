@@ -17,15 +17,16 @@ struct LiftedPoint {
 };
 
 struct LiftOptions {
-    double pixel_sigma = 0.15;           ///< of a centre [px]
-    double depth_noise_per_m = 4.2e-3;   ///< σ_z = this z² for a single depth pixel
-    double window_radius_m = 0.003;      ///< of the patch whose depth is used
-    double min_valid_share = 0.35;       ///< of the patch
-    double max_spread_m = 0.004;         ///< left around the fitted plane: more is an edge
+    double pixel_sigma = 0.15;          ///< of a centre [px]
+    double depth_noise_per_m = 4.2e-3;  ///< σ_z = this z² for a single depth pixel
+    double window_radius_m = 0.003;     ///< of the patch whose depth is used
+    double min_valid_share = 0.35;      ///< of the patch
+    double max_spread_m = 0.004;        ///< left around the fitted plane: more is an edge
 };
 
 /// Covariance of a point at `ray` z: centre noise across, sigma_z along the ray.
-Eigen::Matrix3d ray_covariance(const Eigen::Vector3d& ray, double z_m, double pixel_sigma, double focal_px, double sigma_z_m);
+Eigen::Matrix3d ray_covariance(const Eigen::Vector3d& ray, double z_m, double pixel_sigma, double focal_px,
+                               double sigma_z_m);
 
 class Lift {
   public:
@@ -41,9 +42,14 @@ class Lift {
 class DepthLift final : public Lift {
   public:
     /// to_depth: tracking camera -> depth camera. `counts` must outlive the lift.
-    DepthLift(const cv::Mat& counts, double depth_unit_m, const CameraModel& depth_camera, const CameraModel& tracking_camera,
-              const Pose& to_depth, const LiftOptions& options)
-        : counts_(counts), unit_m_(depth_unit_m), depth_(depth_camera), tracking_(tracking_camera), to_depth_(to_depth), options_(options) {}
+    DepthLift(const cv::Mat& counts, double depth_unit_m, const CameraModel& depth_camera,
+              const CameraModel& tracking_camera, const Pose& to_depth, const LiftOptions& options)
+        : counts_(counts),
+          unit_m_(depth_unit_m),
+          depth_(depth_camera),
+          tracking_(tracking_camera),
+          to_depth_(to_depth),
+          options_(options) {}
     std::optional<LiftedPoint> at(const Blob& dot, double guess_z_m) const override;
 
   private:

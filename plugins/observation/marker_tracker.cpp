@@ -15,7 +15,7 @@ constexpr double kUnmistakable = 2.0;  // the second nearest dot must be this ma
 constexpr double kOffsetMemory = 0.1;  // weight of a frame in the slow means
 constexpr double kAreaRelaxation = 0.03;
 constexpr std::size_t kMinNeighbours = 4;
-constexpr int kTrialFrames = 3;        // a found marker counts as tracked after so many
+constexpr int kTrialFrames = 3;  // a found marker counts as tracked after so many
 
 Eigen::Vector3d vec(const Point& p) {
     return {p[0], p[1], p[2]};
@@ -90,7 +90,8 @@ void MarkerTracker::detect(const cv::Mat& grey) {
     options.bright = options_.bright;
     options.contrast = options_.contrast;
     options.diameter_px = options_.diameter_m * camera_.fx_px / mean_z_m();
-    const cv::Point low(static_cast<int>(u0), static_cast<int>(v0)), high(static_cast<int>(u1) + 1, static_cast<int>(v1) + 1);
+    const cv::Point low(static_cast<int>(u0), static_cast<int>(v0)),
+        high(static_cast<int>(u1) + 1, static_cast<int>(v1) + 1);
     find_blobs(grey, low.x < high.x && low.y < high.y ? cv::Rect(low, high) : cv::Rect(), options, blobs_);
     claimed_.assign(blobs_.size(), false);
 }
@@ -103,7 +104,8 @@ void MarkerTracker::claim_carried(const Lift& lift) {
         std::size_t best = blobs_.size();
         for (std::size_t b = 0; b < blobs_.size(); ++b)
             if (!claimed_[b] && distance_px(blobs_[b].center, track.pixel) < radius &&
-                (best == blobs_.size() || distance_px(blobs_[b].center, track.pixel) < distance_px(blobs_[best].center, track.pixel)))
+                (best == blobs_.size() ||
+                 distance_px(blobs_[b].center, track.pixel) < distance_px(blobs_[best].center, track.pixel)))
                 best = b;
         if (best == blobs_.size()) {
             track.on_image = false;
@@ -140,9 +142,11 @@ void MarkerTracker::find_lost(const Lift& lift) {
                 if (d > expected[i]->gate_px) continue;
                 bool unmistakable = true;
                 for (std::size_t j = 0; j < tracks_.size(); ++j)
-                    if (j != i && expected[j] && distance_px(expected[j]->pixel, blobs_[b].center) < kUnmistakable * d) unmistakable = false;
+                    if (j != i && expected[j] && distance_px(expected[j]->pixel, blobs_[b].center) < kUnmistakable * d)
+                        unmistakable = false;
                 for (std::size_t other = 0; other < blobs_.size(); ++other)
-                    if (other != b && !claimed_[other] && distance_px(expected[i]->pixel, blobs_[other].center) < kUnmistakable * d)
+                    if (other != b && !claimed_[other] &&
+                        distance_px(expected[i]->pixel, blobs_[other].center) < kUnmistakable * d)
                         unmistakable = false;
                 if (unmistakable) candidates.push_back({i, b, d});
             }
@@ -166,8 +170,10 @@ void MarkerTracker::take(std::size_t marker, const Blob& blob, double guess_z_m,
     const auto lifted = lift.at(blob, guess_z_m);
     if (!lifted || std::abs(lifted->x.z() - guess_z_m) > gate_m) return;  // in front of it or behind
     // Part of the dot behind something: its centre is not the marker's.
-    const double full_px = options_.diameter_m * camera_.fx_px / lifted->x.z(), ratio = blob.area_px / (full_px * full_px);
-    const bool whole = !track.known || (ratio > options_.min_area_ratio * track.area_ratio && ratio * options_.min_area_ratio < track.area_ratio);
+    const double full_px = options_.diameter_m * camera_.fx_px / lifted->x.z(),
+                 ratio = blob.area_px / (full_px * full_px);
+    const bool whole = !track.known || (ratio > options_.min_area_ratio * track.area_ratio &&
+                                        ratio * options_.min_area_ratio < track.area_ratio);
     // Slowly also while it does not fit: the view may have changed while the marker was away.
     track.area_ratio += (!track.known ? 1.0 : whole ? kOffsetMemory : kAreaRelaxation) * (ratio - track.area_ratio);
     if (!whole) return;

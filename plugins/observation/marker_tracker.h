@@ -25,13 +25,13 @@ namespace teres {
 struct TrackerOptions {
     bool bright = false;
     double diameter_m = 0.006;
-    double contrast = 1.8;  ///< brightness ratio
-    double start_gate_m = 0.015;        ///< search radius around the rest shape before anything is known
-    double find_gate_m = 0.006;         ///< search radius around the neighbours' prediction
-    double consistency_limit_m = 0.006; ///< change of the offset from the neighbours' prediction
-    double neighbour_reach_m = 0.045;   ///< L
-    double max_flow_error_px = 1.0;     ///< forward-backward
-    double min_area_ratio = 0.75;       ///< of a dot's area over that in full view: less is partly hidden
+    double contrast = 1.8;               ///< brightness ratio
+    double start_gate_m = 0.015;         ///< search radius around the rest shape before anything is known
+    double find_gate_m = 0.006;          ///< search radius around the neighbours' prediction
+    double consistency_limit_m = 0.006;  ///< change of the offset from the neighbours' prediction
+    double neighbour_reach_m = 0.045;    ///< L
+    double max_flow_error_px = 1.0;      ///< forward-backward
+    double min_area_ratio = 0.75;        ///< of a dot's area over that in full view: less is partly hidden
 };
 
 enum class MarkerStatus : std::int8_t { kRejected = -1, kMissing = 0, kTracked = 1, kFound = 2 };
@@ -47,7 +47,8 @@ struct MarkerSight {
 class MarkerTracker {
   public:
     /// rest: positions in case axes [m]; pose: tracking camera -> case.
-    MarkerTracker(std::vector<Eigen::Vector3d> rest, const CameraModel& camera, const Pose& pose, const TrackerOptions& options);
+    MarkerTracker(std::vector<Eigen::Vector3d> rest, const CameraModel& camera, const Pose& pose,
+                  const TrackerOptions& options);
 
     /// [loop] One frame, 8-bit grey of the camera's size.
     const std::vector<MarkerSight>& track(const cv::Mat& grey, const Lift& lift);
@@ -59,11 +60,11 @@ class MarkerTracker {
   private:
     struct Track {
         Eigen::Vector3d rest, offset = Eigen::Vector3d::Zero();  ///< offset: from the neighbours' prediction, slow mean
-        bool known = false;      ///< offset and area have been seen
-        bool on_image = false;   ///< pixel is from the frame before
+        bool known = false;                                      ///< offset and area have been seen
+        bool on_image = false;                                   ///< pixel is from the frame before
         Pixel pixel{};
         double area_ratio = 0.0;  ///< dot's area over (focal diameter / z)²
-        int found_frames = 0;  ///< since it was found
+        int found_frames = 0;     ///< since it was found
     };
     struct Expected {
         Pixel pixel;

@@ -1,6 +1,6 @@
-// Unit `observation`: camera frames in (and LIVER_STATE: where the liver's surface is expected); MARKERS (one per frame pair,
-// lost markers NaN), before them SURFACE_POINTS, TRACKING and REGISTRATION out, stamped with the capture time of the frame,
-// so that a replay gives the same bytes.
+// Unit `observation`: camera frames in (and LIVER_STATE: where the liver's surface is expected); MARKERS (one per frame
+// pair, lost markers NaN), before them SURFACE_POINTS, TRACKING and REGISTRATION out, stamped with the capture time of
+// the frame, so that a replay gives the same bytes.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -19,8 +19,8 @@
 #include "plugins/observation/surface_sampler.h"
 #include "teres/camera_info_t.hpp"
 #include "teres/image_t.hpp"
-#include "teres/markers_t.hpp"
 #include "teres/liver_state_t.hpp"
+#include "teres/markers_t.hpp"
 #include "teres/registration_t.hpp"
 #include "teres/surface_points_t.hpp"
 #include "teres/tracking_t.hpp"
@@ -29,9 +29,9 @@ namespace teres {
 namespace {
 
 constexpr std::size_t kMaxStateBytes = 8 << 20, kMaxImageBytes = 32 << 20, kMaxInfoBytes = 1 << 16;
-constexpr int kSwappedAfter = 5;      // frames in a row in which the pair only fits with its cameras exchanged
+constexpr int kSwappedAfter = 5;               // frames in a row in which the pair only fits with its cameras exchanged
 constexpr std::int64_t kRetry_us = 1'000'000;  // between two attempts to register
-constexpr std::size_t kMinFits = 4;  // dots that do
+constexpr std::size_t kMinFits = 4;            // dots that do
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
@@ -56,11 +56,15 @@ class ObservationPlugin final : public Unit {
         TERES_TRY_ASSIGN(case_, read_case(settings.case_folder, reading));
         settings.tracker.bright = settings.markers == "bright";
         if ((settings.surface_points > 0 || settings.features == "texture") && settings.source != "depth")
-            return invalid_input("observation.surface_points and observation.features = \"texture\" need observation.source = \"depth\": a stereo pair gives no depth image");
+            return invalid_input(
+                "observation.surface_points and observation.features = \"texture\" need observation.source = "
+                "\"depth\": a stereo pair gives no depth image");
         landmarks_.clear();
         if (!settings.landmarks.empty()) {
             if (settings.registration != "surface" || settings.source != "depth")
-                return invalid_input("observation.landmarks needs observation.registration = \"surface\" and observation.source = \"depth\"");
+                return invalid_input(
+                    "observation.landmarks needs observation.registration = \"surface\" and observation.source = "
+                    "\"depth\"");
             TERES_TRY_ASSIGN(landmarks_, read_landmarks(settings.landmarks));
         }
         settings.texture.max_flow_error_px = settings.tracker.max_flow_error_px;
@@ -87,19 +91,23 @@ class ObservationPlugin final : public Unit {
         for (Stream* stream : {first_.get(), second_.get()}) {
             TERES_TRY(host_.subscribe<image_t>(stream->channel.c_str(), kMaxImageBytes,
                                                [this, stream](const image_t& m, std::int64_t) { take(*stream, m); }));
-            TERES_TRY(host_.subscribe<camera_info_t>((stream->channel + "_INFO").c_str(), kMaxInfoBytes,
-                                                     [this, stream](const camera_info_t& m, std::int64_t) { take_info(*stream, m); }));
+            TERES_TRY(host_.subscribe<camera_info_t>(
+                (stream->channel + "_INFO").c_str(), kMaxInfoBytes,
+                [this, stream](const camera_info_t& m, std::int64_t) { take_info(*stream, m); }));
         }
         sampler_.reset();
         liver_ = case_.mesh.nodes;
         if (settings.surface_points > 0) {
             sampler_ = std::make_unique<SurfaceSampler>(case_.mesh);
-            TERES_TRY(host_.subscribe<liver_state_t>("LIVER_STATE", kMaxStateBytes, [this](const liver_state_t& m, std::int64_t) { take_liver(m); }));
+            TERES_TRY(host_.subscribe<liver_state_t>("LIVER_STATE", kMaxStateBytes,
+                                                     [this](const liver_state_t& m, std::int64_t) { take_liver(m); }));
         }
         if (!stereo) return {};
-        return host_.subscribe<camera_info_t>("CAMERA_COLOR_INFO", kMaxInfoBytes, [this](const camera_info_t& m, std::int64_t) {
-            if (const auto info = stream_info(m); info && info->reference_frame == case_.name) color_to_case_ = info->to_reference;
-        });
+        return host_.subscribe<camera_info_t>(
+            "CAMERA_COLOR_INFO", kMaxInfoBytes, [this](const camera_info_t& m, std::int64_t) {
+                if (const auto info = stream_info(m); info && info->reference_frame == case_.name)
+                    color_to_case_ = info->to_reference;
+            });
     }
 
     teres_step_outcome step(std::int64_t) noexcept override try {
@@ -167,8 +175,8 @@ class ObservationPlugin final : public Unit {
         for (std::size_t n = 0; n < liver_.size(); ++n) liver_[n] = {m.x_m[n], m.y_m[n], m.z_m[n]};
     }
 
-    // Where the tracking camera stands: as found, else as landmarks say, else as its stream says, or that of the colour camera which it refers to, or
-    // the case.
+    // Where the tracking camera stands: as found, else as landmarks say, else as its stream says, or that of the colour
+    // camera which it refers to, or the case.
     std::optional<Pose> camera_to_case() const {
         if (registration_) return registration_->camera_to_case;
         if (start_) return start_;
@@ -181,13 +189,19 @@ class ObservationPlugin final : public Unit {
 
     DepthLift depth_lift() const {
         const StreamInfo& depth = *second_->check.info();
-        return {*second_->image, depth.depth_unit_m, depth.camera, first_->check.info()->camera, second_to_first().inverse(), settings.lift};
+        return {*second_->image,
+                depth.depth_unit_m,
+                depth.camera,
+                first_->check.info()->camera,
+                second_to_first().inverse(),
+                settings.lift};
     }
 
     void start_from_landmarks() {
         if (landmarks_.empty() || start_) return;
         const auto stated = camera_to_case();
-        const auto found = pose_from_landmarks(landmarks_, depth_lift(), stated ? std::max(0.05, stated->inverse().t[2]) : 0.3);
+        const auto found =
+            pose_from_landmarks(landmarks_, depth_lift(), stated ? std::max(0.05, stated->inverse().t[2]) : 0.3);
         if (!found) return warn_once("landmarks: " + found.error().text + "; tried again");
         start_ = found->camera_to_case;
         tracker_.reset();
@@ -203,7 +217,8 @@ class ObservationPlugin final : public Unit {
         std::vector<Eigen::Vector3d> rest;
         for (const MarkerRest& marker : case_.markers)
             rest.emplace_back(marker.position_m[0], marker.position_m[1], marker.position_m[2]);
-        tracker_ = std::make_unique<MarkerTracker>(std::move(rest), first_->check.info()->camera, *pose, settings.tracker);
+        tracker_ =
+            std::make_unique<MarkerTracker>(std::move(rest), first_->check.info()->camera, *pose, settings.tracker);
         texture_.reset();
         return true;
     }
@@ -228,8 +243,9 @@ class ObservationPlugin final : public Unit {
         if (settings.features == "texture" && !track_texture(*lift)) return false;
         const std::vector<MarkerSight>& sights = texture_ ? tracker_->sights() : tracker_->track(*first_->image, *lift);
         if (stereo && swapped(pair)) return false;
-        const bool seen = texture_ ? std::ranges::any_of(texture_->features(), [](const Feature& f) { return f.sight.seen(); })
-                                   : std::ranges::any_of(sights, [](const MarkerSight& s) { return s.seen(); });
+        const bool seen =
+            texture_ ? std::ranges::any_of(texture_->features(), [](const Feature& f) { return f.sight.seen(); })
+                     : std::ranges::any_of(sights, [](const MarkerSight& s) { return s.seen(); });
         if (seen) last_seen_us_ = first_->header.capture_stamp_us;
         ++tracked_;
         if (publishes_now()) {
@@ -266,13 +282,15 @@ class ObservationPlugin final : public Unit {
     // x_first = R x_second + t, or both stand in the same reference frame.
     Pose second_to_first() const {
         const StreamInfo &first = *first_->check.info(), &second = *second_->check.info();
-        return second.reference_frame == first.frame_id ? second.to_reference : first.to_reference.inverse() * second.to_reference;
+        return second.reference_frame == first.frame_id ? second.to_reference
+                                                        : first.to_reference.inverse() * second.to_reference;
     }
 
     // Finds the pose at the start, and anew after a long time without markers; until then there are none.
     bool registered(const Lift& lift) {
         const std::int64_t now_us = first_->header.capture_stamp_us;
-        const bool lost = registration_ && settings.registration_lost_s > 0.0 && seconds(now_us - last_seen_us_) > settings.registration_lost_s;
+        const bool lost = registration_ && settings.registration_lost_s > 0.0 &&
+                          seconds(now_us - last_seen_us_) > settings.registration_lost_s;
         if ((registration_ && !lost) || now_us < next_attempt_us_) return registration_.has_value();
         next_attempt_us_ = now_us + kRetry_us;
         const auto found = register_camera(lift);
@@ -297,7 +315,8 @@ class ObservationPlugin final : public Unit {
         for (const MarkerRest& marker : case_.markers) markers.push_back(marker.position_m);
         if (settings.source == "depth") {
             const StreamInfo& depth = *second_->check.info();
-            points = depth_points({second_->image->ptr<std::uint16_t>(), second_->image->total()}, depth.camera, depth.depth_unit_m, settings.refine.stride_px);
+            points = depth_points({second_->image->ptr<std::uint16_t>(), second_->image->total()}, depth.camera,
+                                  depth.depth_unit_m, settings.refine.stride_px);
             for (Point& p : points) p = second_to_first().apply(p);
         }
         RegistrationOptions options = settings.refine;
@@ -328,7 +347,9 @@ class ObservationPlugin final : public Unit {
 
     void find_dots(const Stream& stream, std::vector<Blob>& dots) const {
         const CameraModel& camera = stream.check.info()->camera;
-        const BlobOptions options{settings.tracker.bright, settings.tracker.diameter_m * camera.fx_px / tracker_->mean_z_m(), settings.tracker.contrast};
+        const BlobOptions options{settings.tracker.bright,
+                                  settings.tracker.diameter_m * camera.fx_px / tracker_->mean_z_m(),
+                                  settings.tracker.contrast};
         find_blobs(*stream.image, {0, 0, camera.width_px, camera.height_px}, options, dots);
     }
 
@@ -375,16 +396,19 @@ class ObservationPlugin final : public Unit {
         std::int32_t id = 0;
         for (const Feature& f : texture_->features()) {
             const Eigen::Vector3d x = f.sight.seen() ? f.sight.x : Eigen::Vector3d::Constant(kNaN);
-            add_surface_point(id++, {x.x(), x.y(), x.z()}, std::sqrt(f.sight.covariance.trace() / 3.0), {f.rest.x(), f.rest.y(), f.rest.z()});
+            add_surface_point(id++, {x.x(), x.y(), x.z()}, std::sqrt(f.sight.covariance.trace() / 3.0),
+                              {f.rest.x(), f.rest.y(), f.rest.z()});
         }
     }
 
     void add_surface() {
         const StreamInfo& depth = *second_->check.info();
         const Pose to_case = *camera_to_case() * second_to_first();
-        for (const SurfaceSample& sample : sampler_->sample(liver_, *second_->image, depth.depth_unit_m, depth.camera, to_case, settings.surface_points,
-                                                            settings.surface_gate_m, settings.lift))
-            add_surface_point(-1, to_case.apply({sample.x.x(), sample.x.y(), sample.x.z()}), sample.sigma_m, {kNaN, kNaN, kNaN});
+        for (const SurfaceSample& sample :
+             sampler_->sample(liver_, *second_->image, depth.depth_unit_m, depth.camera, to_case,
+                              settings.surface_points, settings.surface_gate_m, settings.lift))
+            add_surface_point(-1, to_case.apply({sample.x.x(), sample.x.y(), sample.x.z()}), sample.sigma_m,
+                              {kNaN, kNaN, kNaN});
     }
 
     void add_surface_point(std::int32_t feature, const Point& x, double sigma_m, const Point& rest) {

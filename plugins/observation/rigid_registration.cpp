@@ -37,15 +37,18 @@ Pose pose_of(const Matrix3d& R, const Vector3d& t) {
 struct Box {
     Vector3d low = Vector3d::Constant(1e9), high = -low;
     Box inflated(double by) const { return {(low.array() - by).matrix(), (high.array() + by).matrix()}; }
-    bool contains(const Vector3d& x) const { return (x.array() >= low.array()).all() && (x.array() <= high.array()).all(); }
+    bool contains(const Vector3d& x) const {
+        return (x.array() >= low.array()).all() && (x.array() <= high.array()).all();
+    }
 };
 
 struct Pair {
-    Vector3d x, n;    // point in case axes, normal of the model
+    Vector3d x, n;      // point in case axes, normal of the model
     double off, sigma;  // n · (x - q), its standard deviation
 };
 
-std::vector<Pair> pair_up(const Surface& model, const Box& box, std::span<const Point> points, const Pose& pose, double gate_m, const RegistrationOptions& o) {
+std::vector<Pair> pair_up(const Surface& model, const Box& box, std::span<const Point> points, const Pose& pose,
+                          double gate_m, const RegistrationOptions& o) {
     std::vector<Pair> pairs;
     const Vector3d eye = vec(pose.t);
     for (const Point& p : points) {
@@ -55,7 +58,8 @@ std::vector<Pair> pair_up(const Surface& model, const Box& box, std::span<const 
         if (near.distance_m > gate_m) continue;
         const Vector3d n = vec(near.normal), view = (eye - vec(x)).normalized();
         if (n.dot(view) < kMinFacing) continue;
-        pairs.push_back({vec(x), n, n.dot(vec(x) - vec(near.position_m)), std::hypot(o.depth_noise_per_m * p[2] * p[2], o.model_sigma_m)});
+        pairs.push_back({vec(x), n, n.dot(vec(x) - vec(near.position_m)),
+                         std::hypot(o.depth_noise_per_m * p[2] * p[2], o.model_sigma_m)});
     }
     return pairs;
 }
@@ -77,7 +81,9 @@ std::vector<Match> match_up(const DotsAndMarkers& marks, const Pose& pose, doubl
     for (const SeenDot& dot : marks.dots) seen.push_back(vec(pose.apply(dot.x)));
     for (const Point& marker : marks.markers) known.push_back(vec(marker));
     const auto nearest = [](const std::vector<Vector3d>& to, const Vector3d& x) {
-        return std::min_element(to.begin(), to.end(), [&](const auto& a, const auto& b) { return (a - x).norm() < (b - x).norm(); }) - to.begin();
+        return std::min_element(to.begin(), to.end(),
+                                [&](const auto& a, const auto& b) { return (a - x).norm() < (b - x).norm(); }) -
+               to.begin();
     };
     std::vector<Match> matches;
     if (known.empty()) return matches;
@@ -126,7 +132,8 @@ double worst_stdev(const Matrix3d& covariance) {
 
 Result<Pose> align_landmarks(std::span<const Point> camera, std::span<const Point> model) {
     if (camera.size() != model.size() || camera.size() < 3)
-        return invalid_input(std::to_string(std::min(camera.size(), model.size())) + " landmarks, at least 3 are needed");
+        return invalid_input(std::to_string(std::min(camera.size(), model.size())) +
+                             " landmarks, at least 3 are needed");
     Vector3d from = Vector3d::Zero(), to = Vector3d::Zero();
     for (std::size_t i = 0; i < camera.size(); ++i) {
         from += vec(camera[i]) / static_cast<double>(camera.size());
@@ -142,7 +149,8 @@ Result<Pose> align_landmarks(std::span<const Point> camera, std::span<const Poin
     return pose_of(R, to - R * from);
 }
 
-std::vector<Point> depth_points(std::span<const std::uint16_t> counts, const CameraModel& camera, double depth_unit_m, int stride_px) {
+std::vector<Point> depth_points(std::span<const std::uint16_t> counts, const CameraModel& camera, double depth_unit_m,
+                                int stride_px) {
     std::vector<Point> points;
     for (int v = stride_px / 2; v < camera.height_px; v += stride_px)
         for (int u = stride_px / 2; u < camera.width_px; u += stride_px) {
@@ -160,8 +168,8 @@ Eigen::Matrix3d covariance_at(const Registration& r, const Vector3d& x_case) {
     return J * r.covariance * J.transpose();
 }
 
-Result<Registration> refine_on_surface(const TetMeshData& model, std::span<const Point> points, const Pose& start, const RegistrationOptions& o,
-                                       const DotsAndMarkers& marks) {
+Result<Registration> refine_on_surface(const TetMeshData& model, std::span<const Point> points, const Pose& start,
+                                       const RegistrationOptions& o, const DotsAndMarkers& marks) {
     Registration result;
     result.camera_to_case = start;
     const Surface surface(model);
@@ -187,7 +195,8 @@ Result<Registration> refine_on_surface(const TetMeshData& model, std::span<const
                 continue;
             }
             return not_usable(std::to_string(pairs.size()) + " depth points within " + std::to_string(1e3 * gate_m) +
-                              " mm of the model's surface, at least " + std::to_string(kMinPoints) + " are needed: start nearer (landmarks)");
+                              " mm of the model's surface, at least " + std::to_string(kMinPoints) +
+                              " are needed: start nearer (landmarks)");
         }
         result.rms_m = pairs.empty() ? 0.0 : rms(pairs);
         result.centroid.setZero();
@@ -201,17 +210,22 @@ Result<Registration> refine_on_surface(const TetMeshData& model, std::span<const
         Matrix6 H = by_surface.H + by_dots.H;
         if (has_dots && !with_dots) H.diagonal() += (1e-3 * H.diagonal().array()).matrix();
         const Vector6 step = -H.llt().solve(by_surface.g + by_dots.g);
-        const double excess = std::max(1.0, (by_surface.chi2 + by_dots.chi2) / static_cast<double>(pairs.size() + 3 * matches.size()));
+        const double excess =
+            std::max(1.0, (by_surface.chi2 + by_dots.chi2) / static_cast<double>(pairs.size() + 3 * matches.size()));
         const Eigen::LLT<Matrix6> information(counted * by_surface.H + by_dots.H);
         result.covariance = information.solve(Matrix6::Identity()) * excess;
-        const double worst_rad = worst_stdev(result.covariance.topLeftCorner<3, 3>()), worst_m = worst_stdev(result.covariance.bottomRightCorner<3, 3>());
-        const bool told = information.info() == Eigen::Success && worst_rad < o.max_stdev_rad && worst_m < o.max_stdev_m;
+        const double worst_rad = worst_stdev(result.covariance.topLeftCorner<3, 3>()),
+                     worst_m = worst_stdev(result.covariance.bottomRightCorner<3, 3>());
+        const bool told =
+            information.info() == Eigen::Success && worst_rad < o.max_stdev_rad && worst_m < o.max_stdev_m;
         if (!step.allFinite() || (!told && (with_dots || !has_dots)))
-            return not_usable("the visible surface leaves the pose open: standard deviation " + std::to_string(1e3 * worst_m) + " mm, " +
-                              std::to_string(worst_rad) + " rad in the worst direction; show more of the liver's edges");
+            return not_usable("the visible surface leaves the pose open: standard deviation " +
+                              std::to_string(1e3 * worst_m) + " mm, " + std::to_string(worst_rad) +
+                              " rad in the worst direction; show more of the liver's edges");
         const Vector3d omega = step.head<3>(), shift = step.tail<3>();
         const double angle = omega.norm();
-        const Matrix3d dR = angle > 0.0 ? Eigen::AngleAxisd(angle, omega / angle).toRotationMatrix() : Matrix3d::Identity();
+        const Matrix3d dR =
+            angle > 0.0 ? Eigen::AngleAxisd(angle, omega / angle).toRotationMatrix() : Matrix3d::Identity();
         const Matrix3d R = dR * rotation(result.camera_to_case);
         const Vector3d t = dR * (vec(result.camera_to_case.t) - result.centroid) + result.centroid + shift;
         result.camera_to_case = pose_of(Eigen::Quaterniond(R).normalized().toRotationMatrix(), t);
@@ -224,8 +238,9 @@ Result<Registration> refine_on_surface(const TetMeshData& model, std::span<const
         with_dots = true;
     }
     if (result.rms_m > o.max_rms_m)
-        return not_usable("depth points stay " + std::to_string(1e3 * result.rms_m) + " mm rms from the model's surface, at most " +
-                          std::to_string(1e3 * o.max_rms_m) + " are allowed: the liver is not at rest, or not this one");
+        return not_usable("depth points stay " + std::to_string(1e3 * result.rms_m) +
+                          " mm rms from the model's surface, at most " + std::to_string(1e3 * o.max_rms_m) +
+                          " are allowed: the liver is not at rest, or not this one");
     return result;
 }
 

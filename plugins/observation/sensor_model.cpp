@@ -45,8 +45,7 @@ SensorScene scene_of(const Case& c) {
 
 SensorModel::SensorModel(const Case& c) : effects_(make_sensor_effects(scene_of(c))) {}
 
-void SensorModel::effect_candidate(std::size_t effect, std::size_t candidate,
-                                   std::span<double> values) const noexcept {
+void SensorModel::effect_candidate(std::size_t effect, std::size_t candidate, std::span<double> values) const noexcept {
     const auto& from = effects_[effect]->description().candidates[candidate];
     TERES_CHECK(values.size() == from.size());
     std::copy(from.begin(), from.end(), values.begin());
@@ -54,16 +53,13 @@ void SensorModel::effect_candidate(std::size_t effect, std::size_t candidate,
 
 void SensorModel::observe(std::span<const EffectInstance> effects, std::span<const double> time_s,
                           std::span<const double> truth, std::span<double> observed) const noexcept {
-    TERES_CHECK(truth.size() == observed.size() && !time_s.empty() &&
-                truth.size() % (3 * time_s.size()) == 0);
+    TERES_CHECK(truth.size() == observed.size() && !time_s.empty() && truth.size() % (3 * time_s.size()) == 0);
     std::copy(truth.begin(), truth.end(), observed.begin());
-    Sighting sighting{
-        time_s, truth.size() / 3 / time_s.size(),
-        Eigen::Map<Eigen::Matrix3Xd>(observed.data(), 3, static_cast<Eigen::Index>(truth.size() / 3))};
+    Sighting sighting{time_s, truth.size() / 3 / time_s.size(),
+                      Eigen::Map<Eigen::Matrix3Xd>(observed.data(), 3, static_cast<Eigen::Index>(truth.size() / 3))};
     for (std::size_t e = 0; e < effects_.size(); ++e)
         for (const auto& instance : effects)
-            if (static_cast<std::size_t>(instance.index) == e)
-                effects_[e]->observe(instance.values, sighting);
+            if (static_cast<std::size_t>(instance.index) == e) effects_[e]->observe(instance.values, sighting);
 }
 
 double SensorModel::noise_factor(std::span<const EffectInstance> effects) const noexcept {

@@ -17,8 +17,8 @@ Eigen::Vector3d vec(const Point& p) {
 
 }  // namespace
 
-std::optional<LiftedPoint> triangulate(const StereoPair& pair, const Pixel& left, const Pixel& right, const LiftOptions& lift,
-                                       double max_gap_m) {
+std::optional<LiftedPoint> triangulate(const StereoPair& pair, const Pixel& left, const Pixel& right,
+                                       const LiftOptions& lift, double max_gap_m) {
     const Eigen::Vector3d r1 = vec(pair.left.ray(left)), r2 = vec(pair.right_to_left.rotate(pair.right.ray(right)));
     const Eigen::Vector3d t = vec(pair.right_to_left.t);
     Eigen::Matrix2d A;
@@ -30,7 +30,8 @@ std::optional<LiftedPoint> triangulate(const StereoPair& pair, const Pixel& left
     if ((a - b).norm() > max_gap_m) return std::nullopt;
     LiftedPoint point;
     point.x = 0.5 * (a + b);
-    const double sigma_z = point.x[2] * point.x[2] * lift.pixel_sigma * std::numbers::sqrt2 / (pair.left.fx_px * t.norm());
+    const double sigma_z =
+        point.x[2] * point.x[2] * lift.pixel_sigma * std::numbers::sqrt2 / (pair.left.fx_px * t.norm());
     point.covariance = ray_covariance(r1, point.x[2], lift.pixel_sigma, pair.left.fx_px, sigma_z);
     return point;
 }

@@ -16,20 +16,21 @@ struct StereoPair {
 };
 
 struct MeetingOptions {
-    double max_gap_m = 0.0005;      ///< between the rays
-    double depth_gate_m = 0.03;     ///< about the guess
-    double min_area_ratio = 0.75;   ///< smaller over larger area: less, and one of the two is partly hidden
-    double unmistakable = 2.0;      ///< the second best dot must be this many times further from the guess
+    double max_gap_m = 0.0005;     ///< between the rays
+    double depth_gate_m = 0.03;    ///< about the guess
+    double min_area_ratio = 0.75;  ///< smaller over larger area: less, and one of the two is partly hidden
+    double unmistakable = 2.0;     ///< the second best dot must be this many times further from the guess
 };
 
 /// Nothing where the rays are parallel, meet behind a camera or pass each other further away than max_gap_m.
-std::optional<LiftedPoint> triangulate(const StereoPair& pair, const Pixel& left, const Pixel& right, const LiftOptions& lift,
-                                       double max_gap_m);
+std::optional<LiftedPoint> triangulate(const StereoPair& pair, const Pixel& left, const Pixel& right,
+                                       const LiftOptions& lift, double max_gap_m);
 
 class StereoLift final : public Lift {
   public:
     /// right_dots: every dot of the right image; must outlive the lift.
-    StereoLift(const StereoPair& pair, const std::vector<Blob>& right_dots, const LiftOptions& lift, const MeetingOptions& meeting)
+    StereoLift(const StereoPair& pair, const std::vector<Blob>& right_dots, const LiftOptions& lift,
+               const MeetingOptions& meeting)
         : pair_(pair), dots_(right_dots), lift_(lift), meeting_(meeting) {}
     std::optional<LiftedPoint> at(const Blob& dot, double guess_z_m) const override;
 

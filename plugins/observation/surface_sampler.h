@@ -1,7 +1,8 @@
 // Points of the depth image that lie on the liver, spread evenly over what the camera sees of it.
 //
 //     liver pixel:  the liver's newest predicted surface covers it, and the depth measured there is within a gate of it
-//     point:        plane through the inverse depths around it (lift.h): holes, edges, flying pixels and grazing views give none
+//     point:        plane through the inverse depths around it (lift.h): holes, edges, flying pixels and grazing views
+//     give none
 #pragma once
 
 #include <vector>
@@ -22,8 +23,9 @@ class SurfaceSampler {
     explicit SurfaceSampler(const TetMeshData& mesh) : triangles_(Surface(mesh).triangles()) {}
 
     /// [loop] nodes: the liver as predicted, case axes; about `count` places are tried.
-    std::vector<SurfaceSample> sample(std::span<const Point> nodes, const cv::Mat& counts, double depth_unit_m, const CameraModel& camera,
-                                      const Pose& to_case, int count, double gate_m, const LiftOptions& options);
+    std::vector<SurfaceSample> sample(std::span<const Point> nodes, const cv::Mat& counts, double depth_unit_m,
+                                      const CameraModel& camera, const Pose& to_case, int count, double gate_m,
+                                      const LiftOptions& options);
 
   private:
     std::vector<std::array<std::int32_t, 3>> triangles_;

@@ -10,12 +10,12 @@ namespace {
 
 constexpr int kPyramidLevels = 2;
 const cv::Size kFlowWindow(21, 21);
-constexpr double kGrain_px = 1.0;          // finer than this is noise of the sensor
-constexpr double kLocal_px = 10.0;         // the local mean reaches so far
-constexpr double kAgree_px = 3.0;          // between the flow from the frame before and that from the start
-constexpr int kMaxUnconfirmed = 15;        // frames
+constexpr double kGrain_px = 1.0;    // finer than this is noise of the sensor
+constexpr double kLocal_px = 10.0;   // the local mean reaches so far
+constexpr double kAgree_px = 3.0;    // between the flow from the frame before and that from the start
+constexpr int kMaxUnconfirmed = 15;  // frames
 constexpr std::size_t kMinFeatures = 8, kMinNeighbours = 5;
-constexpr double kMaxPatchError = 24.0;    // mean grey difference of two patches of the same place
+constexpr double kMaxPatchError = 24.0;  // mean grey difference of two patches of the same place
 
 cv::Point2f cv_point(const Pixel& p) {
     return {static_cast<float>(p.u), static_cast<float>(p.v)};
@@ -48,11 +48,13 @@ bool TextureTracker::start(const cv::Mat& grey, const cv::Mat& range_m, const Li
     cv::minMaxLoc(range_m, nullptr, &nearest, nullptr, nullptr, mask);
     if (!(nearest > 0.0)) return false;
     std::vector<cv::Point2f> corners;
-    cv::goodFeaturesToTrack(first_[0], corners, 2 * options_.features, options_.quality, options_.spacing_m * camera_.fx_px / nearest, mask, 5);
+    cv::goodFeaturesToTrack(first_[0], corners, 2 * options_.features, options_.quality,
+                            options_.spacing_m * camera_.fx_px / nearest, mask, 5);
     for (const cv::Point2f& corner : corners) {
         if (static_cast<int>(features_.size()) == options_.features) break;
         const Pixel pixel{corner.x, corner.y};
-        const double expected = range_m.at<float>(static_cast<int>(std::lround(pixel.v)), static_cast<int>(std::lround(pixel.u)));
+        const double expected =
+            range_m.at<float>(static_cast<int>(std::lround(pixel.v)), static_cast<int>(std::lround(pixel.u)));
         const auto lifted = lift.at({pixel}, expected);
         if (!lifted || std::abs(lifted->x.z() - expected) > options_.consistency_limit_m) continue;
         Feature& feature = features_.emplace_back();
@@ -65,7 +67,8 @@ bool TextureTracker::start(const cv::Mat& grey, const cv::Mat& range_m, const Li
     return features_.size() >= kMinFeatures;
 }
 
-TextureTracker::Flow TextureTracker::flow(const std::vector<cv::Mat>& from, const std::vector<cv::Mat>& to, const std::vector<cv::Point2f>& points,
+TextureTracker::Flow TextureTracker::flow(const std::vector<cv::Mat>& from, const std::vector<cv::Mat>& to,
+                                          const std::vector<cv::Point2f>& points,
                                           const std::vector<cv::Point2f>& guess) const {
     Flow result{guess, std::vector<bool>(points.size(), false)};
     if (points.empty()) return result;
@@ -73,10 +76,13 @@ TextureTracker::Flow TextureTracker::flow(const std::vector<cv::Mat>& from, cons
     std::vector<std::uint8_t> there, returned;
     std::vector<float> error;
     std::vector<cv::Point2f> back = points;
-    cv::calcOpticalFlowPyrLK(from, to, points, result.to, there, error, kFlowWindow, kPyramidLevels, until, cv::OPTFLOW_USE_INITIAL_FLOW);
-    cv::calcOpticalFlowPyrLK(to, from, result.to, back, returned, cv::noArray(), kFlowWindow, kPyramidLevels, until, cv::OPTFLOW_USE_INITIAL_FLOW);
+    cv::calcOpticalFlowPyrLK(from, to, points, result.to, there, error, kFlowWindow, kPyramidLevels, until,
+                             cv::OPTFLOW_USE_INITIAL_FLOW);
+    cv::calcOpticalFlowPyrLK(to, from, result.to, back, returned, cv::noArray(), kFlowWindow, kPyramidLevels, until,
+                             cv::OPTFLOW_USE_INITIAL_FLOW);
     for (std::size_t i = 0; i < points.size(); ++i)
-        result.good[i] = there[i] != 0 && returned[i] != 0 && error[i] < kMaxPatchError && cv::norm(back[i] - points[i]) < options_.max_flow_error_px;
+        result.good[i] = there[i] != 0 && returned[i] != 0 && error[i] < kMaxPatchError &&
+                         cv::norm(back[i] - points[i]) < options_.max_flow_error_px;
     return result;
 }
 
@@ -87,7 +93,8 @@ const std::vector<Feature>& TextureTracker::track(const cv::Mat& grey, const Lif
     for (std::size_t i = 0; i < tracks_.size(); ++i) {
         Track& track = tracks_[i];
         if (!features_[i].sight.seen() && seen.size() >= kMinNeighbours)
-            if (const auto x = predict_from_neighbours(seen, i, features_[i].rest, options_.neighbour_reach_m)) track.last = *x;
+            if (const auto x = predict_from_neighbours(seen, i, features_[i].rest, options_.neighbour_reach_m))
+                track.last = *x;
         if (!track.on_image)
             if (const auto expected = camera_.project(to_camera_.apply(point(track.last)))) track.pixel = *expected;
         starts.push_back(cv_point(track.start));
@@ -102,7 +109,8 @@ const std::vector<Feature>& TextureTracker::track(const cv::Mat& grey, const Lif
     const Flow confirmed = flow(first_, now, starts, carried.to);
     for (std::size_t i = 0; i < tracks_.size(); ++i) {
         Track& track = tracks_[i];
-        const bool fits = confirmed.good[i] && (!carried.good[i] || cv::norm(confirmed.to[i] - carried.to[i]) < kAgree_px);
+        const bool fits =
+            confirmed.good[i] && (!carried.good[i] || cv::norm(confirmed.to[i] - carried.to[i]) < kAgree_px);
         track.unconfirmed = fits ? 0 : track.unconfirmed + 1;
         track.on_image = fits || (carried.good[i] && track.unconfirmed <= kMaxUnconfirmed);
         const cv::Point2f& p = fits ? confirmed.to[i] : carried.to[i];

@@ -30,14 +30,19 @@ Result<std::vector<StructurePoint>> read_structures(const std::filesystem::path&
     TERES_TRY_ASSIGN(const CsvTable table, CsvTable::read(file, columns));
     std::vector<StructurePoint> points;
     for (std::size_t row = 0; row < table.num_rows(); ++row)
-        points.push_back({std::string(table.text(row, 0)), {table.number(row, 1), table.number(row, 2), table.number(row, 3)},
+        points.push_back({std::string(table.text(row, 0)),
+                          {table.number(row, 1), table.number(row, 2), table.number(row, 3)},
                           table.number(row, 4)});
     return points;
 }
 
 Overlay::Overlay(const TetMeshData& mesh, std::vector<StructurePoint> structures, const OverlayOptions& options)
-    : options_(options), triangles_(Surface(mesh).triangles()), structures_(std::move(structures)),
-      probability_(mesh.nodes.size(), 0.0), nodes_(mesh.nodes), tints_(triangles_.size()) {
+    : options_(options),
+      triangles_(Surface(mesh).triangles()),
+      structures_(std::move(structures)),
+      probability_(mesh.nodes.size(), 0.0),
+      nodes_(mesh.nodes),
+      tints_(triangles_.size()) {
     embed(mesh);
 }
 
@@ -53,7 +58,9 @@ void Overlay::embed(const TetMeshData& mesh) {
             for (std::size_t i = 0; i < 4; ++i) {
                 std::array<Point, 4> corner;
                 for (std::size_t j = 0; j < 4; ++j) corner[j] = j == i ? s.rest_m : mesh.nodes[at(n[j])];
-                w[i] = dot(cross(minus(corner[1], corner[0]), minus(corner[2], corner[0])), minus(corner[3], corner[0])) / (6.0 * volume);
+                w[i] =
+                    dot(cross(minus(corner[1], corner[0]), minus(corner[2], corner[0])), minus(corner[3], corner[0])) /
+                    (6.0 * volume);
             }
             const double lowest = *std::min_element(w.begin(), w.end());
             if (lowest <= inside) continue;
@@ -92,9 +99,11 @@ void Overlay::draw(cv::Mat& frame, bool stale) {
         const double facing = std::max(0.0, dot(n, view) / std::max(1e-12, norm(n) * norm(view)));
         const double p = (probability_[at(a)] + probability_[at(b)] + probability_[at(c)]) / 3.0;
         // Blue-green veil; the ligament from yellow (may hold) to red (holds). Stale: grey.
-        const double alpha = options_.liver_opacity + std::clamp(p, 0.0, 1.0) * (options_.ligament_opacity - options_.liver_opacity);
+        const double alpha =
+            options_.liver_opacity + std::clamp(p, 0.0, 1.0) * (options_.ligament_opacity - options_.liver_opacity);
         const double shade = 0.55 + 0.45 * facing, w = std::min(1.0, 4.0 * p);
-        double blue = (1.0 - w) * 200.0 + w * 30.0, green = (1.0 - w) * 190.0 + w * 230.0 * (1.0 - p), red = (1.0 - w) * 90.0 + w * 245.0;
+        double blue = (1.0 - w) * 200.0 + w * 30.0, green = (1.0 - w) * 190.0 + w * 230.0 * (1.0 - p),
+               red = (1.0 - w) * 90.0 + w * 245.0;
         if (stale) blue = green = red = (blue + green + red) / 3.0;
         const double scale = 256.0 * alpha * shade;
         tints_[t] = {static_cast<int>(scale * blue), static_cast<int>(scale * green), static_cast<int>(scale * red),
@@ -152,7 +161,8 @@ void Overlay::draw_structures(cv::Mat& frame, bool stale) const {
         const int reach = static_cast<int>(std::ceil(radius)) + 2;
         cv::Rect box(static_cast<int>(p->u) - reach, static_cast<int>(p->v) - reach, 2 * reach + 1, 2 * reach + 1);
         if (joined)
-            box |= cv::Rect(static_cast<int>(joined->u) - reach, static_cast<int>(joined->v) - reach, 2 * reach + 1, 2 * reach + 1);
+            box |= cv::Rect(static_cast<int>(joined->u) - reach, static_cast<int>(joined->v) - reach, 2 * reach + 1,
+                            2 * reach + 1);
         box &= cv::Rect(0, 0, frame.cols, frame.rows);
         if (box.area() == 0) continue;
         const float surface = buffer_.z_m(static_cast<int>(p->u), static_cast<int>(p->v));
@@ -162,11 +172,13 @@ void Overlay::draw_structures(cv::Mat& frame, bool stale) const {
         const cv::Scalar color = stale ? cv::Scalar(140, 140, 140) : cv::Scalar(235, 120, 60);
         const cv::Point2d corner(box.x, box.y);
         if (joined)
-            cv::line(patch, fixed(joined->u - corner.x, joined->v - corner.y), fixed(p->u - corner.x, p->v - corner.y), color,
-                     std::max(1, static_cast<int>(std::lround(1.4 * radius))), cv::LINE_AA, kFixed);
-        cv::circle(patch, fixed(p->u - corner.x, p->v - corner.y), static_cast<int>(radius * (1 << kFixed)), color, cv::FILLED, cv::LINE_AA, kFixed);
+            cv::line(patch, fixed(joined->u - corner.x, joined->v - corner.y), fixed(p->u - corner.x, p->v - corner.y),
+                     color, std::max(1, static_cast<int>(std::lround(1.4 * radius))), cv::LINE_AA, kFixed);
+        cv::circle(patch, fixed(p->u - corner.x, p->v - corner.y), static_cast<int>(radius * (1 << kFixed)), color,
+                   cv::FILLED, cv::LINE_AA, kFixed);
         cv::circle(patch, fixed(p->u - 0.3 * radius - corner.x, p->v - 0.3 * radius - corner.y),
-                   static_cast<int>(0.35 * radius * (1 << kFixed)), color + cv::Scalar(40, 80, 80), cv::FILLED, cv::LINE_AA, kFixed);
+                   static_cast<int>(0.35 * radius * (1 << kFixed)), color + cv::Scalar(40, 80, 80), cv::FILLED,
+                   cv::LINE_AA, kFixed);
         cv::addWeighted(patch, alpha, frame(box), 1.0 - alpha, 0.0, frame(box));
     }
 }

@@ -62,7 +62,7 @@ class Overlay {
     OverlayOptions options_;
     std::vector<std::array<std::int32_t, 3>> triangles_;
     std::vector<StructurePoint> structures_;
-    std::vector<Carrier> carriers_;  // of structures_
+    std::vector<Carrier> carriers_;    // of structures_
     std::vector<double> probability_;  // of every node
     std::vector<Point> nodes_, markers_;
     CameraModel camera_;

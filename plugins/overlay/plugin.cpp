@@ -1,5 +1,5 @@
-// Unit `overlay`: CAMERA_COLOR (and _INFO), REGISTRATION, LIVER_STATE, BOUNDARY_ESTIMATE, MARKERS in; OVERLAY out, one augmented frame
-// per colour frame, stamped as that frame.
+// Unit `overlay`: CAMERA_COLOR (and _INFO), REGISTRATION, LIVER_STATE, BOUNDARY_ESTIMATE, MARKERS in; OVERLAY out, one
+// augmented frame per colour frame, stamped as that frame.
 #include <cmath>
 #include <memory>
 #include <opencv2/imgcodecs.hpp>
@@ -53,8 +53,10 @@ struct OverlaySettings {
     int jpeg_quality = 85;
     template <class V>
     void visit(V& field) {
-        field("case", case_folder, "", "case folder (teres-case-1): mesh, camera pose, inner points; empty: that of [service]");
-        field("structures", structures, "inner structures, CSV structure,x_m,y_m,z_m,radius_m at rest; empty: the case's validation points");
+        field("case", case_folder, "",
+              "case folder (teres-case-1): mesh, camera pose, inner points; empty: that of [service]");
+        field("structures", structures,
+              "inner structures, CSV structure,x_m,y_m,z_m,radius_m at rest; empty: the case's validation points");
         field("liver_opacity", look.liver_opacity, {0.0, 1.0}, "of the surface");
         field("ligament_opacity", look.ligament_opacity, {0.0, 1.0}, "of the surface where the ligament surely holds");
         field("inner_opacity", look.inner_opacity, {0.0, 1.0}, "of an inner structure at the surface");
@@ -106,8 +108,8 @@ class OverlayPlugin final : public Unit {
             "BOUNDARY_ESTIMATE", kMaxMessageBytes, [this](const boundary_estimate_t& m, std::int64_t) {
                 overlay_->set_attachment(m.node_id, m.attachment_probability);
             }));
-        TERES_TRY(host_.subscribe<registration_t>("REGISTRATION", kMaxMessageBytes,
-                                                  [this](const registration_t& m, std::int64_t) { take_registration(m); }));
+        TERES_TRY(host_.subscribe<registration_t>(
+            "REGISTRATION", kMaxMessageBytes, [this](const registration_t& m, std::int64_t) { take_registration(m); }));
         return host_.subscribe<markers_t>("MARKERS", kMaxMessageBytes, [this](const markers_t& m, std::int64_t) {
             std::vector<Point> markers;
             for (std::size_t i = 0; i < m.x_m.size(); ++i) markers.push_back({m.x_m[i], m.y_m[i], m.z_m[i]});
@@ -192,4 +194,5 @@ class OverlayPlugin final : public Unit {
 
 }  // namespace teres
 
-TERES_PLUGIN(teres::OverlayPlugin, "overlay", "liver, ligament and inner structures over the colour image", TERES_UNIT_PLUGIN)
+TERES_PLUGIN(teres::OverlayPlugin, "overlay", "liver, ligament and inner structures over the colour image",
+             TERES_UNIT_PLUGIN)

@@ -41,8 +41,7 @@ double AnchorSpring::energy(const Vector3d& x) const noexcept {
         case AnchorLaw::kRestShape:
             return 0.5 * k[0] * length * length;
         case AnchorLaw::kPolynomialTension:
-            return length < rest_length ? 0.0
-                                        : rest_length * polynomial(k, length / rest_length - 1.0).integral;
+            return length < rest_length ? 0.0 : rest_length * polynomial(k, length / rest_length - 1.0).integral;
         case AnchorLaw::kCubicTension:
             return length < rest_length ? 0.0 : cubic(*this, length - rest_length).integral;
         case AnchorLaw::kPolynomialRestShape:

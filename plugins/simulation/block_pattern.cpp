@@ -6,8 +6,7 @@
 
 namespace teres {
 
-BlockPattern BlockPattern::make(const std::vector<std::set<NodeIndex>>& neighbours,
-                                const std::vector<char>& held) {
+BlockPattern BlockPattern::make(const std::vector<std::set<NodeIndex>>& neighbours, const std::vector<char>& held) {
     BlockPattern p;
     p.free_of_node_.assign(neighbours.size(), -1);
     for (std::size_t a = 0; a < neighbours.size(); ++a)
@@ -29,8 +28,7 @@ BlockPattern BlockPattern::make(const std::vector<std::set<NodeIndex>>& neighbou
         for (int c = 0; c < 3; ++c) {
             for (int r = c; r < 3; ++r) p.row_.push_back(3 * column + r);
             for (auto k = first + 1; k < last; ++k)
-                for (int r = 0; r < 3; ++r)
-                    p.row_.push_back(3 * p.block_row_[static_cast<std::size_t>(k)] + r);
+                for (int r = 0; r < 3; ++r) p.row_.push_back(3 * p.block_row_[static_cast<std::size_t>(k)] + r);
             p.column_start_.push_back(static_cast<std::int32_t>(p.row_.size()));
         }
     }
@@ -42,8 +40,7 @@ std::int32_t BlockPattern::block(NodeIndex a, NodeIndex b) const {
     if (fa < 0 || fb < 0) return -1;
     const auto column = static_cast<std::size_t>(std::min(fa, fb));
     const auto row = std::max(fa, fb);
-    const auto first = block_row_.begin() + block_start_[column],
-               last = block_row_.begin() + block_start_[column + 1];
+    const auto first = block_row_.begin() + block_start_[column], last = block_row_.begin() + block_start_[column + 1];
     const auto found = std::lower_bound(first, last, row);
     TERES_CHECK(found != last && *found == row);
     return static_cast<std::int32_t>(found - block_row_.begin());

@@ -14,8 +14,7 @@ namespace teres {
 class BlockPattern {
   public:
     /// neighbours[a]: nodes coupled to a (a itself is implied); held nodes have no rows.
-    static BlockPattern make(const std::vector<std::set<NodeIndex>>& neighbours,
-                             const std::vector<char>& held);
+    static BlockPattern make(const std::vector<std::set<NodeIndex>>& neighbours, const std::vector<char>& held);
 
     std::int32_t num_free_nodes() const { return num_free_; }
     Eigen::Index num_rows() const { return 3 * static_cast<Eigen::Index>(num_free_); }
@@ -30,8 +29,7 @@ class BlockPattern {
     std::int32_t block(NodeIndex a, NodeIndex b) const;
     /// Adds K_ab (3x3, coupling rows of a to columns of b); call once per unordered pair, with a == b the
     /// whole block.
-    void add(NodeIndex a, NodeIndex b, std::int32_t block, const Eigen::Matrix3d& K,
-             std::vector<double>& values) const;
+    void add(NodeIndex a, NodeIndex b, std::int32_t block, const Eigen::Matrix3d& K, std::vector<double>& values) const;
     /// y += K x for the matrix with these values (x, y over free rows).
     void multiply(const std::vector<double>& values, const double* x, double* y) const;
 

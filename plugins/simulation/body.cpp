@@ -26,8 +26,8 @@ void Body::bind(const BlockPattern& pattern) {
         for (std::size_t q = 0; q < set.size(); ++q)
             for (auto i = set.offset[q]; i < set.offset[q + 1]; ++i)
                 for (auto j = i; j < set.offset[q + 1]; ++j)
-                    blocks.push_back(pattern.block(set.node[static_cast<std::size_t>(i)],
-                                                   set.node[static_cast<std::size_t>(j)]));
+                    blocks.push_back(
+                        pattern.block(set.node[static_cast<std::size_t>(i)], set.node[static_cast<std::size_t>(j)]));
     }
 }
 
@@ -37,8 +37,7 @@ void Body::add_gradient(const PointShares& shares, int rank, const double* x, do
     for (std::size_t s = 0; s < points_.size(); ++s) {
         const auto& share = shares.points(s);
         add_gradient_of_points(
-            points_[s],
-            {share.point.data() + share.first[r], share.first[r + 1] - share.first[r], share.row.data()},
+            points_[s], {share.point.data() + share.first[r], share.first[r + 1] - share.first[r], share.row.data()},
             material_, x, gradient, spare, energy, stride, lanes);
     }
 }
@@ -46,8 +45,8 @@ void Body::add_gradient(const PointShares& shares, int rank, const double* x, do
 namespace {
 
 // Tangent of what effects add to a point (strain_points.h).
-void add_effects(const StrainPoints& set, const Material& material, std::size_t q, double psi,
-                 const Matrix3d& P, Matrix9d& A) {
+void add_effects(const StrainPoints& set, const Material& material, std::size_t q, double psi, const Matrix3d& P,
+                 Matrix9d& A) {
     if (set.stiffening != 0.0) {
         const double b = set.stiffening / (set.part.shear * material.mu());
         const Eigen::Map<const Eigen::Matrix<double, 9, 1>> p(P.data());
@@ -63,8 +62,7 @@ void add_effects(const StrainPoints& set, const Material& material, std::size_t 
 
 }  // namespace
 
-bool Body::add_tangent(const Positions& x, const BlockPattern& pattern,
-                       std::vector<double>& values) const noexcept {
+bool Body::add_tangent(const Positions& x, const BlockPattern& pattern, std::vector<double>& values) const noexcept {
     for (std::size_t s = 0; s < points_.size(); ++s) {
         const auto& set = points_[s];
         const std::int32_t* block = blocks_[s].data();
@@ -77,8 +75,7 @@ bool Body::add_tangent(const Positions& x, const BlockPattern& pattern,
             }
             Matrix3d F = Matrix3d::Zero();
             for (auto i = first; i < last; ++i)
-                F.noalias() +=
-                    x.col(set.node[i]) * Eigen::Map<const Vector3d>(&set.gradient[3 * i]).transpose();
+                F.noalias() += x.col(set.node[i]) * Eigen::Map<const Vector3d>(&set.gradient[3 * i]).transpose();
             double psi = 0.0;
             Matrix3d P;
             Matrix9d A;

@@ -29,8 +29,7 @@ inline std::size_t padded_lanes(std::size_t lanes) {
 
 class Body {
   public:
-    Body(std::vector<StrainPoints> points, Material material)
-        : points_(std::move(points)), material_(material) {}
+    Body(std::vector<StrainPoints> points, Material material) : points_(std::move(points)), material_(material) {}
 
     const Material& material() const { return material_; }
     const std::vector<StrainPoints>& points() const { return points_; }
@@ -48,14 +47,12 @@ class Body {
                       double* energy, std::size_t stride, std::size_t lanes) const noexcept;
     /// [loop] Adds the tangent of one state (x: num_nodes columns) to `values`. False outside the law's
     /// domain.
-    bool add_tangent(const Positions& x, const BlockPattern& pattern,
-                     std::vector<double>& values) const noexcept;
+    bool add_tangent(const Positions& x, const BlockPattern& pattern, std::vector<double>& values) const noexcept;
 
   private:
     std::vector<StrainPoints> points_;
     Material material_;
-    std::vector<std::vector<std::int32_t>>
-        blocks_;  // per point set: block index per node pair (row <= column order)
+    std::vector<std::vector<std::int32_t>> blocks_;  // per point set: block index per node pair (row <= column order)
 };
 
 }  // namespace teres

@@ -53,10 +53,8 @@ Pack stvk(const Gradient& F, double mu, double lambda, Gradient& P) {
     constexpr int kIndex[3][3] = {{0, 3, 4}, {3, 1, 5}, {4, 5, 2}};
     for (int b = 0; b < 3; ++b)
         for (int a = 0; a < 3; ++a)
-            P.m[a + 3 * b] =
-                F.m[a] * S[kIndex[0][b]] + F.m[a + 3] * S[kIndex[1][b]] + F.m[a + 6] * S[kIndex[2][b]];
-    const Pack square =
-        E[0] * E[0] + E[1] * E[1] + E[2] * E[2] + 2.0 * (E[3] * E[3] + E[4] * E[4] + E[5] * E[5]);
+            P.m[a + 3 * b] = F.m[a] * S[kIndex[0][b]] + F.m[a + 3] * S[kIndex[1][b]] + F.m[a + 6] * S[kIndex[2][b]];
+    const Pack square = E[0] * E[0] + E[1] * E[1] + E[2] * E[2] + 2.0 * (E[3] * E[3] + E[4] * E[4] + E[5] * E[5]);
     return mu * square + 0.5 * lambda * trace * trace;
 }
 
@@ -78,8 +76,8 @@ Pack cofactors(const Gradient& F, Gradient& cof) {
 Pack neo_hookean(const Gradient& F, double mu, double lambda, Gradient& P) {
     Gradient cof;
     const Pack J = cofactors(F, cof);
-    const Pack log_j = lanewise(
-        J, [](double j) { return j > 0.0 ? std::log(j) : std::numeric_limits<double>::quiet_NaN(); });
+    const Pack log_j =
+        lanewise(J, [](double j) { return j > 0.0 ? std::log(j) : std::numeric_limits<double>::quiet_NaN(); });
     const Pack factor = (lambda * log_j - mu) / J;
     Pack square = F.m[0] * F.m[0];
     for (int i = 1; i < 9; ++i) square += F.m[i] * F.m[i];
@@ -91,8 +89,8 @@ Pack neo_hookean(const Gradient& F, double mu, double lambda, Gradient& P) {
 Pack log_volume(const Gradient& F, double bulk, Gradient& P) {
     Gradient cof;
     const Pack J = cofactors(F, cof);
-    const Pack log_j = lanewise(
-        J, [](double j) { return j > 0.0 ? std::log(j) : std::numeric_limits<double>::quiet_NaN(); });
+    const Pack log_j =
+        lanewise(J, [](double j) { return j > 0.0 ? std::log(j) : std::numeric_limits<double>::quiet_NaN(); });
     const Pack factor = bulk * log_j / J;
     for (int i = 0; i < 9; ++i) P.m[i] = factor * cof.m[i];
     return 0.5 * bulk * log_j * log_j;
@@ -153,15 +151,13 @@ Pack principal(const Material& material, PartWeights part, const Gradient& F, Gr
     jacobi(C, N);
     Gradient cof;
     const Pack J = cofactors(F, cof);
-    const Pack invalid =
-        lanewise(J, [](double j) { return j > 0.0 ? 0.0 : std::numeric_limits<double>::quiet_NaN(); });
+    const Pack invalid = lanewise(J, [](double j) { return j > 0.0 ? 0.0 : std::numeric_limits<double>::quiet_NaN(); });
     Pack c[3], s[3], psi{};
     for (int i = 0; i < 3; ++i)
-        c[i] = lanewise(C.m[i] + 1.0,
-                        [](double v) { return v > 1e-12 ? v : std::numeric_limits<double>::quiet_NaN(); });
+        c[i] =
+            lanewise(C.m[i] + 1.0, [](double v) { return v > 1e-12 ? v : std::numeric_limits<double>::quiet_NaN(); });
     if (material.law() == BodyLaw::kOgden) {
-        const double alpha = material.alpha(), G = part.shear * material.mu(),
-                     K = part.volume * material.lambda();
+        const double alpha = material.alpha(), G = part.shear * material.mu(), K = part.volume * material.lambda();
         Pack log_l[3], e[3];
         for (int i = 0; i < 3; ++i) log_l[i] = 0.5 * lanewise(c[i], [](double v) { return std::log(v); });
         const Pack log_j = log_l[0] + log_l[1] + log_l[2];
@@ -184,8 +180,7 @@ Pack principal(const Material& material, PartWeights part, const Gradient& F, Gr
     for (auto& p : P.m) p = invalid;
     for (int i = 0; i < 3; ++i) {
         Pack f[3];  // s_i F N_i
-        for (int a = 0; a < 3; ++a)
-            f[a] = s[i] * (F.m[a] * N[i][0] + F.m[a + 3] * N[i][1] + F.m[a + 6] * N[i][2]);
+        for (int a = 0; a < 3; ++a) f[a] = s[i] * (F.m[a] * N[i][0] + F.m[a + 3] * N[i][1] + F.m[a + 6] * N[i][2]);
         for (int b = 0; b < 3; ++b)
             for (int a = 0; a < 3; ++a) P.m[a + 3 * b] += f[a] * N[i][b];
     }
@@ -208,8 +203,8 @@ Pack evaluate(const Material& material, PartWeights part, const Gradient& F, Gra
 }
 
 // What effects add to a point (strain_points.h): stiffening of the shear law, stress of the past.
-void add_effects(const StrainPoints& points, const Material& material, std::size_t q, const Gradient& F,
-                 Gradient& P, Pack& psi) {
+void add_effects(const StrainPoints& points, const Material& material, std::size_t q, const Gradient& F, Gradient& P,
+                 Pack& psi) {
     if (points.stiffening != 0.0) {
         const double b = points.stiffening / (points.part.shear * material.mu());
         const Pack factor = 1.0 + b * psi;
@@ -222,8 +217,7 @@ void add_effects(const StrainPoints& points, const Material& material, std::size
     for (int b = 0; b < 3; ++b) {
         Pack C_diagonal{};
         for (int a = 0; a < 3; ++a) {
-            const Pack FS =
-                F.m[a] * S[kIndex[0][b]] + F.m[a + 3] * S[kIndex[1][b]] + F.m[a + 6] * S[kIndex[2][b]];
+            const Pack FS = F.m[a] * S[kIndex[0][b]] + F.m[a + 3] * S[kIndex[1][b]] + F.m[a + 6] * S[kIndex[2][b]];
             P.m[a + 3 * b] += FS / points.stiffness_scale[q];
             C_diagonal += F.m[a + 3 * b] * FS;  // sum over b: F : F S = C : S
         }
@@ -238,8 +232,7 @@ bool adds_effects(const StrainPoints& points) {
 }
 
 void add_gradient_of_one_lane(const StrainPoints& points, const PointRows& rows, const Material& material,
-                              const double* x, double* gradient, double* spare, double* energy,
-                              std::size_t stride) {
+                              const double* x, double* gradient, double* spare, double* energy, std::size_t stride) {
     constexpr std::size_t kN = kPackLanes;
     static_assert(kN >= 3);
     const auto entry = [&](std::int32_t i) {  // dN/dX of a node entry; the last lanes belong to the next or are 0
@@ -293,8 +286,8 @@ void add_gradient_of_one_lane(const StrainPoints& points, const PointRows& rows,
 
 TERES_MULTIVERSION
 void add_gradient_of_points(const StrainPoints& points, const PointRows& rows, const Material& material,
-                            const double* x, double* gradient, double* spare, double* energy,
-                            std::size_t stride, std::size_t lanes) noexcept {
+                            const double* x, double* gradient, double* spare, double* energy, std::size_t stride,
+                            std::size_t lanes) noexcept {
     if (lanes == 1 && stride == kPackLanes && !adds_effects(points)) {
         add_gradient_of_one_lane(points, rows, material, x, gradient, spare, energy, stride);
         return;

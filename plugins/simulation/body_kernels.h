@@ -17,9 +17,10 @@ struct PointRows {
     const std::int32_t* row;
 };
 
-/// Adds energy (one per lane) and gradient of the points named; layout as in body.h. Lanes from `lanes` on need not count.
+/// Adds energy (one per lane) and gradient of the points named; layout as in body.h. Lanes from `lanes` on need not
+/// count.
 void add_gradient_of_points(const StrainPoints& points, const PointRows& rows, const Material& material,
-                            const double* x, double* gradient, double* spare, double* energy,
-                            std::size_t stride, std::size_t lanes) noexcept;
+                            const double* x, double* gradient, double* spare, double* energy, std::size_t stride,
+                            std::size_t lanes) noexcept;
 
 }  // namespace teres

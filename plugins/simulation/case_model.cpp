@@ -32,8 +32,7 @@ Result<BodyData> body_of(const Case& c, const std::string& law) {
 }
 
 Result<TimeScheme> scheme_of(const Case& c, const std::string& integrator) {
-    if (integrator == "auto")
-        return c.quasi_static ? TimeScheme::kQuasiStatic : TimeScheme::kGeneralisedAlpha;
+    if (integrator == "auto") return c.quasi_static ? TimeScheme::kQuasiStatic : TimeScheme::kGeneralisedAlpha;
     if (integrator == "quasi_static") return TimeScheme::kQuasiStatic;
     if (integrator == "implicit_euler") return TimeScheme::kImplicitEuler;
     if (integrator == "generalised_alpha") return TimeScheme::kGeneralisedAlpha;
@@ -52,9 +51,8 @@ Result<std::unique_ptr<CaseModel>> CaseModel::make(const Case& c, const CaseMode
     const bool dynamic = m->scheme_ != TimeScheme::kQuasiStatic;
     const bool gravity = as_vector(c.gravity_m_s2).norm() > 0.0;
     if ((dynamic || gravity) && !(body.density_kg_m3 > 0.0))
-        return invalid_input(c.folder.string() +
-                             "/case.json: body.density_kg_m3 = " + std::to_string(body.density_kg_m3) +
-                             " must be above 0 for a dynamic case or gravity");
+        return invalid_input(c.folder.string() + "/case.json: body.density_kg_m3 = " +
+                             std::to_string(body.density_kg_m3) + " must be above 0 for a dynamic case or gravity");
 
     std::vector<StrainPoints> points = make_strain_points(m->mesh_, settings.element, settings.shear_blend);
     if (settings.separate_parts) points = separate_parts(std::move(points));
@@ -97,8 +95,7 @@ Result<std::unique_ptr<CaseModel>> CaseModel::make(const Case& c, const CaseMode
                                       group.threshold_n_per_m});
         }
         for (std::size_t i = 0; i < m->ligament_.node.size(); ++i)
-            m->attachment_.push_back(
-                {m->ligament_.node[i], m->ligament_.group[i], m->ligament_.probability[i]});
+            m->attachment_.push_back({m->ligament_.node[i], m->ligament_.group[i], m->ligament_.probability[i]});
     }
     m->add_springs(c, parts);
     if (settings.element == ElementType::kQuadratic)  // a mid-edge node between two held corners is held
@@ -139,11 +136,10 @@ Result<std::unique_ptr<CaseModel>> CaseModel::make(const Case& c, const CaseMode
     m->max_lanes_ = static_cast<std::size_t>(settings.max_lanes);
     m->system_ = std::make_unique<MechanicalSystem>(std::move(parts));
     m->solver_ = std::make_unique<EquilibriumSolver>(*m->system_, settings.equilibrium, m->max_lanes_);
-    m->stepper_ =
-        std::make_unique<TimeStepper>(*m->system_, *m->solver_,
-                                      TimeStepSettings{m->scheme_, settings.spectral_radius,
-                                                       body.rayleigh_mass_1_s, body.rayleigh_stiffness_s},
-                                      m->max_lanes_);
+    m->stepper_ = std::make_unique<TimeStepper>(
+        *m->system_, *m->solver_,
+        TimeStepSettings{m->scheme_, settings.spectral_radius, body.rayleigh_mass_1_s, body.rayleigh_stiffness_s},
+        m->max_lanes_);
     const std::size_t stride = padded_lanes(m->max_lanes_);
     m->motion_.assign(3 * m->num_nodes(), 0.0);
     m->x_.assign(m->num_state() * stride, 0.0);
@@ -166,10 +162,8 @@ void CaseModel::add_springs(const Case& c, MechanicalSystem::Parts& parts) {
         t.spring.k = data.k;
         t.spring.rest_length = data.rest_length_m;
         if (!data.group.empty()) {
-            const auto [entry, added] =
-                group.try_emplace(data.group, static_cast<std::int32_t>(parameters_.size()));
-            if (added)
-                parameters_.push_back({"spring." + data.group + ".factor", "1", 1.0, 1.0, 1e-4, 1e4, 0.1});
+            const auto [entry, added] = group.try_emplace(data.group, static_cast<std::int32_t>(parameters_.size()));
+            if (added) parameters_.push_back({"spring." + data.group + ".factor", "1", 1.0, 1.0, 1e-4, 1e4, 0.1});
             t.parameter = entry->second;
         }
         parts.tethers.push_back(t);
@@ -182,8 +176,7 @@ std::size_t CaseModel::num_state() const {
 
 ForwardParameter CaseModel::parameter(std::size_t index) const {
     const auto& p = parameters_[index];
-    return {p.name.c_str(), p.unit.c_str(), p.prior_median, p.prior_log_stdev, 0.0,
-            p.lower,        p.upper,        p.threshold};
+    return {p.name.c_str(), p.unit.c_str(), p.prior_median, p.prior_log_stdev, 0.0, p.lower, p.upper, p.threshold};
 }
 
 void CaseModel::rest_state(std::span<double> x) const {
@@ -194,24 +187,22 @@ void CaseModel::rest_state(std::span<double> x) const {
         for (std::size_t i = 0; i < num_nodes(); ++i)
             if (!system_->parts().held[i])
                 for (std::size_t a = 0; a < 3; ++a)
-                    x[6 * num_nodes() + 3 * i + a] =
-                        system_->parts().gravity_m_s2(static_cast<Eigen::Index>(a));
+                    x[6 * num_nodes() + 3 * i + a] = system_->parts().gravity_m_s2(static_cast<Eigen::Index>(a));
 }
 
 // Start values of a quasi-static step: bodies go on moving as they did, by the mean motion of the last step's
 // lanes.
 void CaseModel::predict(double time_s, std::size_t lanes, std::size_t stride) noexcept {
     const double dt = time_s - motion_time_s_;
-    if (scheme_ != TimeScheme::kQuasiStatic || lanes != motion_lanes_ || !(motion_dt_s_ > 0.0) ||
-        !(dt > 0.0) || dt > 2.0 * motion_dt_s_)
+    if (scheme_ != TimeScheme::kQuasiStatic || lanes != motion_lanes_ || !(motion_dt_s_ > 0.0) || !(dt > 0.0) ||
+        dt > 2.0 * motion_dt_s_)
         return;
     const double share = dt / motion_dt_s_;
     for (std::size_t d = 0; d < motion_.size(); ++d)
         for (std::size_t l = 0; l < stride; ++l) x_[d * stride + l] += share * motion_[d];
 }
 
-void CaseModel::remember(double time_s, std::span<const double> start, std::size_t lanes,
-                         std::size_t stride) noexcept {
+void CaseModel::remember(double time_s, std::span<const double> start, std::size_t lanes, std::size_t stride) noexcept {
     if (scheme_ != TimeScheme::kQuasiStatic) return;
     const std::size_t rows = motion_.size();
     std::fill(motion_.begin(), motion_.end(), 0.0);
@@ -232,11 +223,10 @@ void CaseModel::rest_bare_nodes(std::size_t stride) noexcept {
                 std::fill_n(&x_[row * stride], stride, row < block ? mesh_.X.data()[d] : 0.0);
 }
 
-ForwardReport CaseModel::advance(const ForwardInputs& inputs, std::span<const double> theta,
-                                 std::span<double> X, std::size_t lanes) noexcept {
+ForwardReport CaseModel::advance(const ForwardInputs& inputs, std::span<const double> theta, std::span<double> X,
+                                 std::size_t lanes) noexcept {
     const std::size_t rows = num_state(), stride = padded_lanes(lanes), parameters = parameters_.size();
-    TERES_CHECK(lanes > 0 && lanes <= max_lanes_ && X.size() == rows * lanes &&
-                theta.size() == parameters * lanes);
+    TERES_CHECK(lanes > 0 && lanes <= max_lanes_ && X.size() == rows * lanes && theta.size() == parameters * lanes);
     system_->resolve(inputs.region_force_n, inputs.tool_position_m, actions_);
     for (std::size_t l = 0; l < stride; ++l) {  // padding lanes repeat lane 0
         const std::size_t from = l < lanes ? l : 0;
@@ -249,15 +239,15 @@ ForwardReport CaseModel::advance(const ForwardInputs& inputs, std::span<const do
     remember(inputs.time_s, X, lanes, stride);
     for (std::size_t l = 0; l < lanes; ++l)
         for (std::size_t d = 0; d < rows; ++d) X[l * rows + d] = x_[d * stride + l];
-    return {static_cast<std::int32_t>(lanes), r.lanes_converged, r.iterations, r.factorisations,
-            r.relative_residual};
+    return {static_cast<std::int32_t>(lanes), r.lanes_converged, r.iterations, r.factorisations, r.relative_residual};
 }
 
 CutReport CaseModel::cut(std::span<const std::int32_t> tets, std::span<const std::int32_t> parameters) noexcept {
     const auto within = [](std::span<const std::int32_t> indices, std::size_t size) {
         return std::ranges::all_of(indices, [&](auto i) { return i >= 0 && static_cast<std::size_t>(i) < size; });
     };
-    if (!within(tets, mesh_.tets.size()) || !within(parameters, parameters_.size())) return {CutOutcome::kUnknownIndex, 0};
+    if (!within(tets, mesh_.tets.size()) || !within(parameters, parameters_.size()))
+        return {CutOutcome::kUnknownIndex, 0};
     if (!can_be_cut_) return {CutOutcome::kNotSupported, 0};
     auto& parts = system_->parts();
     std::vector<char> holds;  // a piece that nothing holds has no equilibrium; it may fly if the case is dynamic
@@ -295,8 +285,7 @@ void CaseModel::observe(std::span<const double> X, std::span<double> Z, std::siz
             const auto& rider = markers_[k];
             Vector3d corner[3], z = Vector3d::Zero();
             for (std::size_t i = 0; i < 3; ++i) {
-                corner[i] =
-                    Eigen::Map<const Vector3d>(&X[l * rows + 3 * static_cast<std::size_t>(rider.node[i])]);
+                corner[i] = Eigen::Map<const Vector3d>(&X[l * rows + 3 * static_cast<std::size_t>(rider.node[i])]);
                 z += rider.weight[i] * corner[i];
             }
             z += rider.offset_m * (corner[1] - corner[0]).cross(corner[2] - corner[0]).normalized();
@@ -309,8 +298,8 @@ void CaseModel::predict_points(std::span<const double> x, std::span<double> out)
     for (std::size_t k = 0; k < points_.size(); ++k) {
         Vector3d p = Vector3d::Zero();
         for (std::size_t i = 0; i < 4; ++i)
-            p += points_[k].weight[i] *
-                 Eigen::Map<const Vector3d>(&x[3 * static_cast<std::size_t>(points_[k].node[i])]);
+            p +=
+                points_[k].weight[i] * Eigen::Map<const Vector3d>(&x[3 * static_cast<std::size_t>(points_[k].node[i])]);
         for (std::size_t a = 0; a < 3; ++a) out[3 * k + a] = p(static_cast<Eigen::Index>(a));
     }
 }

@@ -1,6 +1,6 @@
 // The forward model of a case: liver of the case folder, ligament groups as unknowns, markers and points as
-// outputs. Offers teres.forward_model/1 and teres.topology/1. State: positions [m] (quasi-static), then velocities [m/s], then
-// accelerations [m/s^2] (implicit Euler: 6N rows; generalised alpha: 9N rows).
+// outputs. Offers teres.forward_model/1 and teres.topology/1. State: positions [m] (quasi-static), then velocities
+// [m/s], then accelerations [m/s^2] (implicit Euler: 6N rows; generalised alpha: 9N rows).
 #pragma once
 
 #include <memory>
@@ -81,8 +81,7 @@ class CaseModel final : public ForwardModel, public Topology {
     void add_springs(const Case& c, MechanicalSystem::Parts& parts);
     void predict(double time_s, std::size_t lanes, std::size_t stride) noexcept;
     void rest_bare_nodes(std::size_t stride) noexcept;
-    void remember(double time_s, std::span<const double> start, std::size_t lanes,
-                  std::size_t stride) noexcept;
+    void remember(double time_s, std::span<const double> start, std::size_t lanes, std::size_t stride) noexcept;
 
     TetMesh mesh_;
     Ligament ligament_;

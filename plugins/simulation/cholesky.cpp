@@ -90,8 +90,8 @@ void Cholesky::solve(Eigen::Ref<Eigen::MatrixXd> B) noexcept {
     b.x = B.data();
     b.xtype = CHOLMOD_REAL;
     b.dtype = CHOLMOD_DOUBLE;
-    const int ok = cholmod_solve2(CHOLMOD_A, impl_->factor, &b, nullptr, &impl_->X, nullptr, &impl_->Y,
-                                  &impl_->E, &impl_->common);
+    const int ok =
+        cholmod_solve2(CHOLMOD_A, impl_->factor, &b, nullptr, &impl_->X, nullptr, &impl_->Y, &impl_->E, &impl_->common);
     TERES_CHECK(ok != 0);
     B = Eigen::Map<const Eigen::MatrixXd>(static_cast<const double*>(impl_->X->x), B.rows(), B.cols());
 }

@@ -36,8 +36,7 @@ Matrix3d polar_rotation(const Matrix3d& F) {
 
 }  // namespace
 
-Result<CorotationalTets> CorotationalTets::make(const TetMeshData& mesh, double poissons_ratio,
-                                                ElementFrame frame) {
+Result<CorotationalTets> CorotationalTets::make(const TetMeshData& mesh, double poissons_ratio, ElementFrame frame) {
     TERES_TRY(check_poissons_ratio(poissons_ratio));
     CorotationalTets body;
     body.frame_ = frame;
@@ -113,8 +112,7 @@ double CorotationalTets::energy(const Eigen::VectorXd& x, std::span<const double
     for (std::size_t e = 0; e < tets_.size(); ++e) {
         const Matrix3d strain = deform(e, x).strain;
         sum += volume_[e] * modulus[e] *
-               (mu_per_modulus_ * strain.squaredNorm() +
-                0.5 * lambda_per_modulus_ * strain.trace() * strain.trace());
+               (mu_per_modulus_ * strain.squaredNorm() + 0.5 * lambda_per_modulus_ * strain.trace() * strain.trace());
     }
     return sum;
 }

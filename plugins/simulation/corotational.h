@@ -30,9 +30,8 @@ class CorotationalTets final : public ElasticTets {
 
     void add_force(const Eigen::VectorXd& x, std::span<const double> modulus,
                    Eigen::VectorXd& force) const noexcept override;
-    void add_force_and_stiffness(const Eigen::VectorXd& x, std::span<const double> modulus,
-                                 const BlockPattern& pattern, Eigen::VectorXd& force,
-                                 std::vector<double>& values) const noexcept override;
+    void add_force_and_stiffness(const Eigen::VectorXd& x, std::span<const double> modulus, const BlockPattern& pattern,
+                                 Eigen::VectorXd& force, std::vector<double>& values) const noexcept override;
     /// Stored energy [J]; with kFirstEdge the energy of the rotated strain, of which the force is not the
     /// gradient.
     double energy(const Eigen::VectorXd& x, std::span<const double> modulus) const noexcept;
@@ -44,8 +43,7 @@ class CorotationalTets final : public ElasticTets {
         Eigen::Matrix3d strain;  // in the element frame
     };
     Deformed deform(std::size_t e, const Eigen::VectorXd& x) const noexcept;
-    void add_element_force(std::size_t e, const Deformed& now, double modulus,
-                           Eigen::VectorXd& force) const noexcept;
+    void add_element_force(std::size_t e, const Deformed& now, double modulus, Eigen::VectorXd& force) const noexcept;
 
     ElementFrame frame_ = ElementFrame::kFirstEdge;
     double lambda_per_modulus_ = 0.0;  // lambda / E

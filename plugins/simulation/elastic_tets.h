@@ -43,8 +43,8 @@ class ElasticTets {
     std::int32_t block(std::size_t e, int i, int j) const {
         static constexpr std::array<std::array<int, 4>, 4> kPair{
             {{0, 1, 2, 3}, {1, 4, 5, 6}, {2, 5, 7, 8}, {3, 6, 8, 9}}};
-        return blocks_[10 * e + static_cast<std::size_t>(
-                                    kPair[static_cast<std::size_t>(i)][static_cast<std::size_t>(j)])];
+        return blocks_[10 * e +
+                       static_cast<std::size_t>(kPair[static_cast<std::size_t>(i)][static_cast<std::size_t>(j)])];
     }
 
     std::vector<std::array<NodeIndex, 4>> tets_;

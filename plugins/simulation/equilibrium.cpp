@@ -22,9 +22,7 @@ auto timed(double& total, const Work& work) {
     struct Stopwatch {
         double& total;
         std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
-        ~Stopwatch() {
-            total += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-        }
+        ~Stopwatch() { total += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); }
     } stopwatch{total};
     return work();
 }
@@ -56,7 +54,7 @@ struct EquilibriumSolver::Workspace {
     std::vector<double> energy, trial_energy, slope, norm, trial_norm, step;  // per lane
     std::vector<char> active, accepted;
     std::size_t open_lanes = 0;  // lanes from here on have converged
-    bool stale = false;  // the last call needed many iterations: factorise anew at the start of the next
+    bool stale = false;          // the last call needed many iterations: factorise anew at the start of the next
     // one lane alone, for plain Newton
     std::unique_ptr<Cholesky> own;  // made on first use
     Eigen::MatrixXd rhs;
@@ -69,11 +67,9 @@ struct EquilibriumSolver::Workspace {
 
     Workspace(const MechanicalSystem& system, const EquilibriumSettings& settings, std::size_t lanes)
         : metric(std::make_unique<SharedMetric>(system, lanes)),
-          renewal(settings.renewal_steps > 0 && !settings.plain_newton
-                      ? std::make_unique<MetricRenewal>(system, lanes)
-                      : nullptr),
-          history(dofs_of_rows(system, metric->solver()), metric->solver().num_storage_rows(), lanes,
-                  system.team()),
+          renewal(settings.renewal_steps > 0 && !settings.plain_newton ? std::make_unique<MetricRenewal>(system, lanes)
+                                                                       : nullptr),
+          history(dofs_of_rows(system, metric->solver()), metric->solver().num_storage_rows(), lanes, system.team()),
           max_lanes(lanes) {
         const std::size_t stride = padded_lanes(max_lanes), dofs = 3 * system.num_nodes();
         const std::size_t parameters = std::max<std::size_t>(1, system.parts().num_parameters);
@@ -169,8 +165,8 @@ double EquilibriumSolver::force_scale(const ExternalActions& actions) const noex
     return std::max(actions.force_n.norm(), w_->force_floor);
 }
 
-EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const Inertia& inertia,
-                                           const double* theta, double* x, std::size_t lanes) noexcept {
+EquilibriumReport EquilibriumSolver::solve(const ExternalActions& actions, const Inertia& inertia, const double* theta,
+                                           double* x, std::size_t lanes) noexcept {
     auto& w = *w_;
     EquilibriumReport report;
     const std::size_t stride = padded_lanes(lanes);
@@ -205,9 +201,8 @@ void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& bat
     // Held rows never move: trial positions and gradients of all rows start from x.
     std::copy_n(x, all, w.trial.data());
     w.history.resume(stride, MetricSolver::lane_stride(lanes));
-    timed(times_.gradient, [&] {
-        system_.gradient(actions, inertia, theta, x, w.gradient.data(), w.energy.data(), stride, lanes);
-    });
+    timed(times_.gradient,
+          [&] { system_.gradient(actions, inertia, theta, x, w.gradient.data(), w.energy.data(), stride, lanes); });
     w.history.norms(w.gradient.data(), w.norm.data());
     const double scale = force_scale(actions);
     const auto converged = [&](std::size_t l) { return w.norm[l] <= settings_.relative_residual * scale; };
@@ -218,8 +213,7 @@ void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& bat
         running += static_cast<std::size_t>(w.active[l]);
     }
     if (running > 0 && w.metric->usable() && !w.stale)
-        timed(times_.correction,
-              [&] { w.metric->correction().set_lanes(theta, stride, lanes, system_.team()); });
+        timed(times_.correction, [&] { w.metric->correction().set_lanes(theta, stride, lanes, system_.team()); });
     if (running > 0 && (!w.metric->usable() || w.stale) && !factorise(actions, batch, report)) return;
 
     bool refactorised = report.factorisations > before;
@@ -234,9 +228,8 @@ void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& bat
         while (!w.active[w.open_lanes - 1]) --w.open_lanes;  // what comes after the last open lane rests
         timed(times_.metric,
               [&] { w.metric->solver().solve(w.history.direction(), lanes, w.open_lanes, system_.team()); });
-        timed(times_.correction, [&] {
-            w.metric->correction().apply(w.history.direction(), lanes, w.open_lanes, system_.team());
-        });
+        timed(times_.correction,
+              [&] { w.metric->correction().apply(w.history.direction(), lanes, w.open_lanes, system_.team()); });
         for (std::size_t l = 0; l < stride; ++l) w.step[l] = w.active[l] ? 1.0 : 0.0;
         timed(times_.history,
               [&] { w.history.finish(w.gradient.data(), x, w.step.data(), w.trial.data(), w.slope.data()); });
@@ -282,8 +275,8 @@ void EquilibriumSolver::line_search(const ExternalActions& actions, const Batch&
     for (int backtrack = 0; open > 0; ++backtrack) {
         if (shorten) w.history.retry(x, w.step.data(), w.trial.data());
         timed(times_.gradient, [&] {
-            system_.gradient(actions, inertia, theta, w.trial.data(), w.trial_gradient.data(),
-                             w.trial_energy.data(), stride, w.open_lanes);
+            system_.gradient(actions, inertia, theta, w.trial.data(), w.trial_gradient.data(), w.trial_energy.data(),
+                             stride, w.open_lanes);
         });
         w.history.norms(w.trial_gradient.data(), w.trial_norm.data());
         shorten = true;
@@ -291,8 +284,7 @@ void EquilibriumSolver::line_search(const ExternalActions& actions, const Batch&
             if (w.accepted[l] || w.step[l] == 0.0) continue;
             const double noise = kEnergyNoise * (std::abs(w.energy[l]) + w.step[l] * w.slope[l]);
             const bool decrease = w.trial_energy[l] <= w.energy[l] - kArmijo * w.step[l] * w.slope[l];
-            const bool at_noise =
-                w.trial_energy[l] <= w.energy[l] + 100.0 * noise && w.trial_norm[l] < w.norm[l];
+            const bool at_noise = w.trial_energy[l] <= w.energy[l] + 100.0 * noise && w.trial_norm[l] < w.norm[l];
             if (std::isfinite(w.trial_norm[l]) && (decrease || at_noise))
                 w.accepted[l] = 1;
             else
@@ -303,9 +295,8 @@ void EquilibriumSolver::line_search(const ExternalActions& actions, const Batch&
     }
 }
 
-bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& inertia, const double* theta,
-                               double* x, std::size_t lane, std::size_t stride,
-                               EquilibriumReport& report) noexcept {
+bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& inertia, const double* theta, double* x,
+                               std::size_t lane, std::size_t stride, EquilibriumReport& report) noexcept {
     auto& w = *w_;
     const std::size_t dofs = 3 * system_.num_nodes();
     const std::size_t num_parameters = system_.parts().num_parameters;
@@ -315,8 +306,7 @@ bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& in
     for (std::size_t d = 0; d < dofs; ++d)
         for (std::size_t l = 0; l < kPackLanes; ++l) {
             alone[d * kPackLanes + l] = x[d * stride + lane];
-            if (inertia.target != nullptr)
-                w.lane_target[d * kPackLanes + l] = inertia.target[d * stride + lane];
+            if (inertia.target != nullptr) w.lane_target[d * kPackLanes + l] = inertia.target[d * stride + lane];
         }
     if (inertia.target != nullptr) lane_inertia.target = w.lane_target.data();
     StiffnessDamping* damping = inertia.damping;
@@ -340,8 +330,7 @@ bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& in
                          w.lane_energy.data(), kPackLanes, 1);
         energy = w.lane_energy[0];
         double sum = 0.0;
-        for (std::size_t d = 0; d < dofs; ++d)
-            sum += w.lane_gradient[d * kPackLanes] * w.lane_gradient[d * kPackLanes];
+        for (std::size_t d = 0; d < dofs; ++d) sum += w.lane_gradient[d * kPackLanes] * w.lane_gradient[d * kPackLanes];
         return std::sqrt(sum);
     };
     double energy = 0.0;
@@ -349,8 +338,7 @@ bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& in
     const auto& pattern = system_.pattern();
     const auto& start = pattern.column_start();
     int iteration = 0;
-    for (; iteration < settings_.max_newton_iterations && !(norm <= settings_.relative_residual * scale);
-         ++iteration) {
+    for (; iteration < settings_.max_newton_iterations && !(norm <= settings_.relative_residual * scale); ++iteration) {
         for (std::size_t d = 0; d < dofs; ++d) w.positions.data()[d] = alone[d * kPackLanes];
         if (!system_.tangent(actions, lane_inertia, 0, theta_one.data(), w.positions, w.values)) break;
         double mean = 0.0;
@@ -358,8 +346,7 @@ bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& in
         for (std::size_t j = 0; j < rows; ++j) mean += std::abs(w.values[static_cast<std::size_t>(start[j])]);
         mean /= static_cast<double>(std::max<std::size_t>(1, rows));
         bool definite = false;
-        for (double shift = 0.0; shift < mean && !definite;
-             shift = shift == 0.0 ? 1e-6 * mean : 10.0 * shift) {
+        for (double shift = 0.0; shift < mean && !definite; shift = shift == 0.0 ? 1e-6 * mean : 10.0 * shift) {
             if (shift > 0.0)
                 for (std::size_t j = 0; j < rows; ++j) w.values[static_cast<std::size_t>(start[j])] += shift;
             ++report.factorisations;
@@ -370,8 +357,7 @@ bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& in
         for (std::size_t i = 0; i < system_.num_nodes(); ++i)
             if (const auto row = pattern.free_index(static_cast<NodeIndex>(i)); row >= 0)
                 for (std::size_t a = 0; a < 3; ++a)
-                    rhs(3 * row + static_cast<Eigen::Index>(a), 0) =
-                        w.lane_gradient[(3 * i + a) * kPackLanes];
+                    rhs(3 * row + static_cast<Eigen::Index>(a), 0) = w.lane_gradient[(3 * i + a) * kPackLanes];
         w.residual = rhs.col(0);
         w.own->solve(rhs);
         const double slope = w.residual.dot(rhs.col(0));
@@ -387,8 +373,7 @@ bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& in
                                 step * rhs(3 * row + static_cast<Eigen::Index>(a), 0);
             double trial_energy = 0.0;
             const double trial_norm = evaluate(w.lane_trial, trial_energy);
-            const bool at_noise =
-                trial_energy <= energy + 100.0 * kEnergyNoise * std::abs(energy) && trial_norm < norm;
+            const bool at_noise = trial_energy <= energy + 100.0 * kEnergyNoise * std::abs(energy) && trial_norm < norm;
             if (std::isfinite(trial_norm) && (trial_energy <= energy - kArmijo * step * slope || at_noise)) {
                 alone.swap(w.lane_trial);
                 energy = trial_energy;

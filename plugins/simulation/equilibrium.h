@@ -23,9 +23,9 @@ struct EquilibriumSettings {
     int max_iterations = 60;          ///< of the quasi-Newton
     int refactorise_after = 12;       ///< iterations in one call above which K is factorised anew at once
     int renew_after = 9;              ///< ... above which it is renewed in the background
-    int renewal_steps = 6;           ///< calls after which a renewal is taken over; 0: none in the background
-    int max_newton_iterations = 30;  ///< of the plain Newton that finishes a lane
-    bool plain_newton = false;       ///< every lane alone, full Newton, direct solve (the reference path)
+    int renewal_steps = 6;            ///< calls after which a renewal is taken over; 0: none in the background
+    int max_newton_iterations = 30;   ///< of the plain Newton that finishes a lane
+    bool plain_newton = false;        ///< every lane alone, full Newton, direct solve (the reference path)
 };
 
 struct EquilibriumReport {
@@ -54,8 +54,8 @@ class EquilibriumSolver {
 
     /// [loop] x (batch layout, stride = padded_lanes(lanes)) holds start values and receives the equilibria;
     /// theta: parameter p of lane l at p * stride + l. A lane that does not converge keeps its best iterate.
-    EquilibriumReport solve(const ExternalActions& actions, const Inertia& inertia, const double* theta,
-                            double* x, std::size_t lanes) noexcept;
+    EquilibriumReport solve(const ExternalActions& actions, const Inertia& inertia, const double* theta, double* x,
+                            std::size_t lanes) noexcept;
 
     const SolverTimes& times() const { return times_; }
 

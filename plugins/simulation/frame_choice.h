@@ -12,12 +12,13 @@ namespace teres {
 std::vector<std::size_t> distinct_frames(const std::vector<Eigen::VectorXd>& x, std::size_t most,
                                          std::vector<std::size_t>& nearest);
 
-/// At most `most` frames, ascending, between which the columns of z are best interpolated in time: the ends, and again and
-/// again the frame where that is worst. z has at least two columns.
+/// At most `most` frames, ascending, between which the columns of z are best interpolated in time: the ends, and again
+/// and again the frame where that is worst. z has at least two columns.
 std::vector<std::int32_t> frames_to_solve(const Eigen::MatrixXd& z, std::size_t most);
 
 /// Columns at `frames` to all `count` columns, linearly between them.
-Eigen::MatrixXd interpolate(const Eigen::MatrixXd& at_frames, const std::vector<std::int32_t>& frames, Eigen::Index count);
+Eigen::MatrixXd interpolate(const Eigen::MatrixXd& at_frames, const std::vector<std::int32_t>& frames,
+                            Eigen::Index count);
 
 /// First order dz at all frames, and the rest r at `frames`, to the whole change
 ///     (1 + a_f) dz_f + (r - a dz)_f,   a = <r, dz> / <dz, dz>,  numerator, denominator and the last term interpolated:

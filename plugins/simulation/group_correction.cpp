@@ -11,8 +11,7 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 GroupCorrection::GroupCorrection(const std::vector<Tether>& tethers, std::size_t num_parameters,
-                                 const BlockPattern& pattern, const MetricSolver& metric,
-                                 std::size_t max_lanes)
+                                 const BlockPattern& pattern, const MetricSolver& metric, std::size_t max_lanes)
     : rows_(metric.num_rows()) {
     std::vector<std::int32_t> row_of(rows_);
     for (std::size_t r = 0; r < rows_; ++r)
@@ -74,8 +73,7 @@ void GroupCorrection::read(const std::vector<Tether>& tethers, const double* the
         for (const auto t : group.tether)
             for_stiffness_blocks(tethers[t], x, [&](std::size_t i, std::size_t j, const Matrix3d& B) {
                 const auto a = group.place(tethers[t].node_at(i)), b = group.place(tethers[t].node_at(j));
-                if (a >= 0 && b >= 0)
-                    group.B_phi.middleRows<3>(3 * a).noalias() += B * group.phi.middleRows<3>(3 * b);
+                if (a >= 0 && b >= 0) group.B_phi.middleRows<3>(3 * a).noalias() += B * group.phi.middleRows<3>(3 * b);
             });
         group.U = group.B_phi.cast<float>();
         for (std::size_t i = 0; i < group.row.size(); ++i)
@@ -102,12 +100,10 @@ void GroupCorrection::renew(MetricSolver& metric, TaskTeam& team) noexcept {
         for (std::size_t i = 0; i < group.row.size(); ++i)
             UtW_.middleRows(group.first, group.count).noalias() +=
                 group.U.row(static_cast<Eigen::Index>(i)).transpose() *
-                Eigen::Map<const Eigen::RowVectorXf>(&W_[static_cast<std::size_t>(group.row[i]) * stride],
-                                                     modes_);
+                Eigen::Map<const Eigen::RowVectorXf>(&W_[static_cast<std::size_t>(group.row[i]) * stride], modes_);
 }
 
-void GroupCorrection::set_lanes(const double* theta, std::size_t stride, std::size_t lanes,
-                                TaskTeam& team) noexcept {
+void GroupCorrection::set_lanes(const double* theta, std::size_t stride, std::size_t lanes, TaskTeam& team) noexcept {
     active_ = false;
     for (const auto& group : groups_)
         for (std::size_t l = 0; l < lanes; ++l)
@@ -118,8 +114,7 @@ void GroupCorrection::set_lanes(const double* theta, std::size_t stride, std::si
             auto& lane = lane_[l];
             lane.A.setIdentity();
             for (const auto& group : groups_) {
-                const auto change =
-                    static_cast<float>(theta[group.parameter * stride + l] - theta0_[group.parameter]);
+                const auto change = static_cast<float>(theta[group.parameter * stride + l] - theta0_[group.parameter]);
                 auto D = lane.D.block(group.first, group.first, group.count, group.count);
                 D = change * G_inverse_.block(group.first, group.first, group.count, group.count);
                 lane.A.middleRows(group.first, group.count).noalias() +=
@@ -152,8 +147,7 @@ void GroupCorrection::apply(float* y, std::size_t lanes, std::size_t open, TaskT
         }
     });
     team.split(rows_, [&](int, std::size_t first, std::size_t last) {
-        subtract_product(W_.data(), C_.data(), y, first, last, modes, MetricSolver::lane_stride(modes),
-                         stride);
+        subtract_product(W_.data(), C_.data(), y, first, last, modes, MetricSolver::lane_stride(modes), stride);
     });
 }
 

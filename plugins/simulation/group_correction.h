@@ -25,8 +25,8 @@ namespace teres {
 class GroupCorrection {
   public:
     /// [setup]
-    GroupCorrection(const std::vector<Tether>& tethers, std::size_t num_parameters,
-                    const BlockPattern& pattern, const MetricSolver& metric, std::size_t max_lanes);
+    GroupCorrection(const std::vector<Tether>& tethers, std::size_t num_parameters, const BlockPattern& pattern,
+                    const MetricSolver& metric, std::size_t max_lanes);
 
     /// [loop] The tethers where K0 is made: state x, parameters theta0 (one lane).
     void read(const std::vector<Tether>& tethers, const double* theta0, const Positions& x) noexcept;
@@ -41,8 +41,8 @@ class GroupCorrection {
     struct Group {
         std::size_t parameter = 0;
         std::vector<std::size_t> tether;
-        std::vector<NodeIndex> node;     // free ones, ascending
-        std::vector<std::int32_t> row;   // three rows of the metric for each node
+        std::vector<NodeIndex> node;    // free ones, ascending
+        std::vector<std::int32_t> row;  // three rows of the metric for each node
         Eigen::Index first = 0, count = 0;
         Eigen::MatrixXf U;  // rows of the nodes only
         Eigen::MatrixXd phi, B_phi;

@@ -16,8 +16,8 @@ Result<TetSystem> TetSystem::make(std::unique_ptr<ElasticTets> body, const Vecto
                                   const std::vector<char>& held) {
     const auto nodes = static_cast<std::size_t>(node_mass.size());
     if (held.size() != nodes)
-        return invalid_input("held flags for " + std::to_string(held.size()) + " of " +
-                             std::to_string(nodes) + " nodes");
+        return invalid_input("held flags for " + std::to_string(held.size()) + " of " + std::to_string(nodes) +
+                             " nodes");
     for (std::size_t a = 0; a < nodes; ++a)
         if (!held[a] && !(node_mass(Index(a)) > 0.0))
             return invalid_input("node " + std::to_string(a) + " moves and has no mass: " +
@@ -41,9 +41,8 @@ Stepper::Stepper(const TetSystem& system) : system_(system) {
     for (std::size_t a = 0; a < free_node_.size(); ++a)
         free_mass_.segment<3>(3 * Index(a)).setConstant(system.node_mass(free_node_[a]));
     values_.assign(pattern.num_values(), 0.0);
-    matrix_ =
-        Eigen::Map<const SparseMatrix>(pattern.num_rows(), pattern.num_rows(), Index(pattern.num_values()),
-                                       pattern.column_start().data(), pattern.row().data(), values_.data());
+    matrix_ = Eigen::Map<const SparseMatrix>(pattern.num_rows(), pattern.num_rows(), Index(pattern.num_values()),
+                                             pattern.column_start().data(), pattern.row().data(), values_.data());
     ldlt_.analyzePattern(matrix_);
 }
 
@@ -52,8 +51,7 @@ void Stepper::forces(const StepDrive& drive, const VectorXd& x, VectorXd& f) con
         f = *drive.outer_force;
     else
         f.setZero(system_.num_dofs());
-    for (Index a = 0; a < system_.node_mass.size(); ++a)
-        f.segment<3>(3 * a) += system_.node_mass(a) * system_.gravity;
+    for (Index a = 0; a < system_.node_mass.size(); ++a) f.segment<3>(3 * a) += system_.node_mass(a) * system_.gravity;
     system_.body->add_force(x, drive.modulus, f);
     for (const AnchorSpring& spring : drive.springs)
         f.segment<3>(3 * Index(spring.node)) += spring.force(x.segment<3>(3 * Index(spring.node)));
@@ -64,8 +62,7 @@ void Stepper::forces_and_stiffness(const StepDrive& drive, const VectorXd& x) no
         f_ = *drive.outer_force;
     else
         f_.setZero(system_.num_dofs());
-    for (Index a = 0; a < system_.node_mass.size(); ++a)
-        f_.segment<3>(3 * a) += system_.node_mass(a) * system_.gravity;
+    for (Index a = 0; a < system_.node_mass.size(); ++a) f_.segment<3>(3 * a) += system_.node_mass(a) * system_.gravity;
     std::fill(values_.begin(), values_.end(), 0.0);
     system_.body->add_force_and_stiffness(x, drive.modulus, system_.pattern, f_, values_);
     for (const AnchorSpring& spring : drive.springs) {
@@ -106,8 +103,7 @@ bool Stepper::solve(double mass_factor, double stiffness_factor, int cg_iteratio
     return y.allFinite();
 }
 
-bool Stepper::implicit_euler(const StepDrive& drive, double h, double velocity_damping,
-                             MotionState& state) noexcept {
+bool Stepper::implicit_euler(const StepDrive& drive, double h, double velocity_damping, MotionState& state) noexcept {
     const double rM = system_.rayleigh_mass, rK = system_.rayleigh_stiffness;
     forces_and_stiffness(drive, state.x);
     const VectorXd v = gather(state.v);
@@ -127,14 +123,12 @@ bool Stepper::implicit_midpoint(const StepDrive& drive, double h, double velocit
     const double rM = system_.rayleigh_mass, rK = system_.rayleigh_stiffness;
     if (state.p.size() == 0) {
         state.p = state.v;
-        for (Index a = 0; a < system_.node_mass.size(); ++a)
-            state.p.segment<3>(3 * a) *= system_.node_mass(a);
+        for (Index a = 0; a < system_.node_mass.size(); ++a) state.p.segment<3>(3 * a) *= system_.node_mass(a);
     }
     forces_and_stiffness(drive, state.x);
     rhs_ = gather(f_) + 2.0 / h * gather(state.p);
     VectorXd d;
-    if (!solve(4.0 / (h * h) + 4.0 * rM / h, 1.0 + 4.0 * rK / h, system_.cg_iterations, system_.cg_tolerance,
-               d))
+    if (!solve(4.0 / (h * h) + 4.0 * rM / h, 1.0 + 4.0 * rK / h, system_.cg_iterations, system_.cg_tolerance, d))
         return false;
     VectorXd middle = state.x;
     scatter_add(d, 1.0, middle);
@@ -151,8 +145,7 @@ bool Stepper::implicit_midpoint(const StepDrive& drive, double h, double velocit
     return true;
 }
 
-bool Stepper::static_equilibrium(const StepDrive& drive, const StaticOptions& options,
-                                 MotionState& state) noexcept {
+bool Stepper::static_equilibrium(const StepDrive& drive, const StaticOptions& options, MotionState& state) noexcept {
     for (int k = 0; k < options.newton_iterations; ++k) {
         forces_and_stiffness(drive, state.x);
         rhs_ = gather(f_);

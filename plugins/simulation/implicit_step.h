@@ -69,12 +69,9 @@ class Stepper {
   public:
     explicit Stepper(const TetSystem& system);
 
-    bool implicit_euler(const StepDrive& drive, double h, double velocity_damping,
-                        MotionState& state) noexcept;
-    bool implicit_midpoint(const StepDrive& drive, double h, double velocity_damping,
-                           MotionState& state) noexcept;
-    bool static_equilibrium(const StepDrive& drive, const StaticOptions& options,
-                            MotionState& state) noexcept;
+    bool implicit_euler(const StepDrive& drive, double h, double velocity_damping, MotionState& state) noexcept;
+    bool implicit_midpoint(const StepDrive& drive, double h, double velocity_damping, MotionState& state) noexcept;
+    bool static_equilibrium(const StepDrive& drive, const StaticOptions& options, MotionState& state) noexcept;
 
   private:
     void forces(const StepDrive& drive, const Eigen::VectorXd& x, Eigen::VectorXd& f) const noexcept;

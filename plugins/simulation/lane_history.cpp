@@ -9,8 +9,7 @@
 
 namespace teres {
 
-LaneHistory::LaneHistory(std::vector<std::int32_t> dof, std::size_t storage_rows, std::size_t max_lanes,
-                         TaskTeam& team)
+LaneHistory::LaneHistory(std::vector<std::int32_t> dof, std::size_t storage_rows, std::size_t max_lanes, TaskTeam& team)
     : dof_(std::move(dof)), team_(team) {
     const std::size_t lanes = std::max(padded_lanes(max_lanes), MetricSolver::lane_stride(max_lanes));
     direction_.assign(storage_rows * lanes, 0.0f);
@@ -92,16 +91,14 @@ void LaneHistory::begin(const double* gradient) noexcept {
     for (std::size_t age = 0; age < count_; ++age) pairs[age] = s(age);
     team_.split(dof_.size(), [&](int rank, std::size_t first, std::size_t last) {
         gather_and_project({dof_.data(), first, last, stride_, float_stride_}, gradient, pairs, count_,
-                           direction_.data(),
-                           &partial_[static_cast<std::size_t>(rank) * kPairs * float_stride_]);
+                           direction_.data(), &partial_[static_cast<std::size_t>(rank) * kPairs * float_stride_]);
     });
     collect(sg_, count_);
     if (newest_open_) {
         for (std::size_t age = 0; age < count_; ++age)  // s_i.y_newest = s_i.g - s_i.g_old
             for (std::size_t l = 0; l < stride_; ++l)
                 sy(slot(age), slot(0), l) =
-                    sg_[age * stride_ + l] -
-                    (age == 0 ? -step_[l] * slope_[l] : old_sg_[slot(age) * stride_ + l]);
+                    sg_[age * stride_ + l] - (age == 0 ? -step_[l] * slope_[l] : old_sg_[slot(age) * stride_ + l]);
         close_newest();
     }
     for (std::size_t age = 0; age < count_; ++age)
@@ -148,8 +145,8 @@ void LaneHistory::finish(const double* gradient, const double* x, const double* 
         });
     }
     team_.split(dof_.size(), [&](int rank, std::size_t first, std::size_t last) {
-        take_step({dof_.data(), first, last, stride_, float_stride_}, gradient, x, direction_.data(), step,
-                  trial, &partial_[static_cast<std::size_t>(rank) * kPairs * float_stride_]);
+        take_step({dof_.data(), first, last, stride_, float_stride_}, gradient, x, direction_.data(), step, trial,
+                  &partial_[static_cast<std::size_t>(rank) * kPairs * float_stride_]);
     });
     collect(slope_, 1);
     std::copy_n(slope_.begin(), stride_, slope);
@@ -162,16 +159,16 @@ void LaneHistory::retry(const double* x, const double* step, double* trial) noex
     });
 }
 
-void LaneHistory::accept(const double* trial, const double* trial_gradient, const double* step,
-                         const char* keep, double* x, double* gradient) noexcept {
+void LaneHistory::accept(const double* trial, const double* trial_gradient, const double* step, const char* keep,
+                         double* x, double* gradient) noexcept {
     newest_ = (newest_ + 1) % kPairs;
     count_ = std::min(count_ + 1, kPairs);
     newest_open_ = true;
     float* new_s = s_[newest_].data();
     float* new_y = y_[newest_].data();
     team_.split(dof_.size(), [&](int, std::size_t first, std::size_t last) {
-        record_pair({dof_.data(), first, last, stride_, float_stride_}, trial, trial_gradient,
-                    direction_.data(), step, keep, x, gradient, new_s, new_y);
+        record_pair({dof_.data(), first, last, stride_, float_stride_}, trial, trial_gradient, direction_.data(), step,
+                    keep, x, gradient, new_s, new_y);
     });
     for (std::size_t l = 0; l < stride_; ++l) {
         valid_[newest_ * stride_ + l] = keep[l];

@@ -26,8 +26,7 @@ class LaneHistory {
     static constexpr std::size_t kPairs = 8;
 
     /// [setup] dof: row of the batch arrays for each row of the metric.
-    LaneHistory(std::vector<std::int32_t> dof, std::size_t storage_rows, std::size_t max_lanes,
-                TaskTeam& team);
+    LaneHistory(std::vector<std::int32_t> dof, std::size_t storage_rows, std::size_t max_lanes, TaskTeam& team);
 
     /// [loop] Starts a new sequence; stride of the batch arrays and of the single-precision vectors.
     void start(std::size_t stride, std::size_t float_stride) noexcept;
@@ -40,14 +39,13 @@ class LaneHistory {
     /// [loop] direction = q; gradient in batch layout.
     void begin(const double* gradient) noexcept;
     /// [loop] From direction = r: direction = d, slope = g.d per lane, trial = x - step d (step per lane).
-    void finish(const double* gradient, const double* x, const double* step, double* trial,
-                double* slope) noexcept;
+    void finish(const double* gradient, const double* x, const double* step, double* trial, double* slope) noexcept;
     /// [loop] trial = x - step d again, after steps were shortened.
     void retry(const double* x, const double* step, double* trial) noexcept;
     /// [loop] Stores the pair of the accepted step, x = trial, gradient = trial_gradient for lanes with
     /// keep[l] != 0.
-    void accept(const double* trial, const double* trial_gradient, const double* step, const char* keep,
-                double* x, double* gradient) noexcept;
+    void accept(const double* trial, const double* trial_gradient, const double* step, const char* keep, double* x,
+                double* gradient) noexcept;
 
     /// [loop] out[l] = |g| of every lane.
     void norms(const double* gradient, double* out) noexcept;
@@ -58,9 +56,7 @@ class LaneHistory {
     const float* s(std::size_t age) const { return s_[slot(age)].data(); }
     const float* y(std::size_t age) const { return y_[slot(age)].data(); }
     std::size_t slot(std::size_t age) const { return (newest_ + kPairs - age) % kPairs; }  // age 0: newest
-    double& sy(std::size_t i, std::size_t j, std::size_t lane) {
-        return sy_[(i * kPairs + j) * stride_ + lane];
-    }
+    double& sy(std::size_t i, std::size_t j, std::size_t lane) { return sy_[(i * kPairs + j) * stride_ + lane]; }
     void close_newest() noexcept;
     void collect(std::vector<double>& sums, std::size_t count) noexcept;
 

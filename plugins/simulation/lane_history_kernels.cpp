@@ -12,8 +12,8 @@ constexpr std::size_t kChunk = 64;  // rows summed in single precision before th
 
 // sums of count vectors with q over a few rows, lanes [0, width of P)
 template <class P>
-inline void add_products(const float* const* v, std::size_t count, const float* q, std::size_t first,
-                         std::size_t last, std::size_t stride, double* sums) {
+inline void add_products(const float* const* v, std::size_t count, const float* q, std::size_t first, std::size_t last,
+                         std::size_t stride, double* sums) {
     constexpr std::size_t kWidth = sizeof(P) / sizeof(float);
     P sum[kMaxPairs]{};
     for (std::size_t r = first; r < last; ++r) {
@@ -25,8 +25,8 @@ inline void add_products(const float* const* v, std::size_t count, const float* 
 }
 
 template <class P>
-inline void add_combination(const float* const* v, const float* c, std::size_t count, float* q,
-                            std::size_t first, std::size_t last, std::size_t stride) {
+inline void add_combination(const float* const* v, const float* c, std::size_t count, float* q, std::size_t first,
+                            std::size_t last, std::size_t stride) {
     P coefficient[kMaxPairs];
     for (std::size_t k = 0; k < count; ++k) coefficient[k] = load_pack<P>(c + k * stride);
     for (std::size_t r = first; r < last; ++r) {
@@ -52,8 +52,7 @@ inline void offset(const float* const* v, std::size_t count, std::size_t lane, c
 }  // namespace
 
 TERES_MULTIVERSION
-void project(const LaneRows& rows, const float* const* v, std::size_t count, const float* q,
-             double* sums) noexcept {
+void project(const LaneRows& rows, const float* const* v, std::size_t count, const float* q, double* sums) noexcept {
     const std::size_t stride = rows.float_stride;
     std::fill_n(sums, count * stride, 0.0);
     for (std::size_t first = rows.first; first < rows.last; first += kChunk)
@@ -66,8 +65,7 @@ void project(const LaneRows& rows, const float* const* v, std::size_t count, con
 }
 
 TERES_MULTIVERSION
-void combine(const LaneRows& rows, const float* const* v, const float* c, std::size_t count,
-             float* q) noexcept {
+void combine(const LaneRows& rows, const float* const* v, const float* c, std::size_t count, float* q) noexcept {
     for_packs(rows.float_stride, [&](std::size_t l, auto pack) {
         const float* at[kMaxPairs];
         offset(v, count, l, at);
@@ -76,8 +74,8 @@ void combine(const LaneRows& rows, const float* const* v, const float* c, std::s
 }
 
 TERES_MULTIVERSION
-void gather_and_project(const LaneRows& rows, const double* g, const float* const* s, std::size_t count,
-                        float* q, double* sums) noexcept {
+void gather_and_project(const LaneRows& rows, const double* g, const float* const* s, std::size_t count, float* q,
+                        double* sums) noexcept {
     const std::size_t stride = rows.stride, floats = rows.float_stride;
     std::fill_n(sums, count * floats, 0.0);
     for (std::size_t first = rows.first; first < rows.last; first += kChunk) {
@@ -85,9 +83,8 @@ void gather_and_project(const LaneRows& rows, const double* g, const float* cons
         for (std::size_t r = first; r < last; ++r) {
             const double* from = g + static_cast<std::size_t>(rows.dof[r]) * stride;
             for (std::size_t l = 0; l < stride; l += 4)
-                store_pack(
-                    q + r * floats + l,
-                    __builtin_convertvector((load_pack<LanePack<double, 4>>(from + l)), LanePack<float, 4>));
+                store_pack(q + r * floats + l,
+                           __builtin_convertvector((load_pack<LanePack<double, 4>>(from + l)), LanePack<float, 4>));
         }
         for_packs(floats, [&](std::size_t l, auto pack) {
             const float* at[kMaxPairs];
@@ -120,8 +117,7 @@ void take_step(const LaneRows& rows, const double* g, const double* x, const flo
         D sum{};
         for (std::size_t r = rows.first; r < rows.last; ++r) {
             const std::size_t at = static_cast<std::size_t>(rows.dof[r]) * stride + l;
-            const D p =
-                __builtin_convertvector((load_pack<LanePack<float, 4>>(d + r * rows.float_stride + l)), D);
+            const D p = __builtin_convertvector((load_pack<LanePack<float, 4>>(d + r * rows.float_stride + l)), D);
             sum += load_pack<D>(g + at) * p;
             store_pack(trial + at, load_pack<D>(x + at) - length * p);
         }
@@ -130,8 +126,8 @@ void take_step(const LaneRows& rows, const double* g, const double* x, const flo
 }
 
 TERES_MULTIVERSION
-void record_pair(const LaneRows& rows, const double* trial, const double* trial_g, const float* d,
-                 const double* step, const char* keep, double* x, double* g, float* s, float* y) noexcept {
+void record_pair(const LaneRows& rows, const double* trial, const double* trial_g, const float* d, const double* step,
+                 const char* keep, double* x, double* g, float* s, float* y) noexcept {
     using D = LanePack<double, 4>;
     using F = LanePack<float, 4>;
     const std::size_t stride = rows.stride;
@@ -141,8 +137,7 @@ void record_pair(const LaneRows& rows, const double* trial, const double* trial_
         const auto chosen = kept > 0.5;
         const F length = __builtin_convertvector(load_pack<D>(step + l) * kept, F);
         for (std::size_t r = rows.first; r < rows.last; ++r) {
-            const std::size_t at = static_cast<std::size_t>(rows.dof[r]) * stride + l,
-                              f = r * rows.float_stride + l;
+            const std::size_t at = static_cast<std::size_t>(rows.dof[r]) * stride + l, f = r * rows.float_stride + l;
             const D old_x = load_pack<D>(x + at), old_g = load_pack<D>(g + at);
             const D new_x = chosen ? load_pack<D>(trial + at) : old_x;
             const D new_g = chosen ? load_pack<D>(trial_g + at) : old_g;

@@ -29,8 +29,7 @@ double normal_quantile(double probability) {
 namespace {
 
 // Weighted k-means with farthest-point start: same input, same groups.
-std::vector<std::int32_t> cluster(const std::vector<Vector3d>& points, const std::vector<double>& weight,
-                                  int k) {
+std::vector<std::int32_t> cluster(const std::vector<Vector3d>& points, const std::vector<double>& weight, int k) {
     std::vector<Vector3d> centre;
     Vector3d mean = Vector3d::Zero();
     double total = 0.0;
@@ -40,8 +39,7 @@ std::vector<std::int32_t> cluster(const std::vector<Vector3d>& points, const std
     }
     mean /= total;
     std::vector<double> distance(points.size());
-    for (std::size_t i = 0; i < points.size(); ++i)
-        distance[i] = (points[i] - mean).norm() * std::sqrt(weight[i]);
+    for (std::size_t i = 0; i < points.size(); ++i) distance[i] = (points[i] - mean).norm() * std::sqrt(weight[i]);
     while (static_cast<int>(centre.size()) < k) {
         const auto next =
             static_cast<std::size_t>(std::max_element(distance.begin(), distance.end()) - distance.begin());
@@ -135,8 +133,8 @@ void add_springs(const TetMesh& mesh, const LigamentData& data, const std::vecto
 
 }  // namespace
 
-Ligament make_ligament(const TetMesh& mesh, const std::vector<NodeProbability>& prior,
-                       const LigamentData& data, const LigamentSettings& settings) {
+Ligament make_ligament(const TetMesh& mesh, const std::vector<NodeProbability>& prior, const LigamentData& data,
+                       const LigamentSettings& settings) {
     Ligament ligament;
     std::vector<Vector3d> points;
     std::vector<double> weight;
@@ -149,8 +147,7 @@ Ligament make_ligament(const TetMesh& mesh, const std::vector<NodeProbability>& 
         weight.push_back(mesh.node_area[a] * entry.probability);
     }
     if (points.empty()) return ligament;
-    ligament.group =
-        cluster(points, weight, std::min<int>(settings.num_groups, static_cast<int>(points.size())));
+    ligament.group = cluster(points, weight, std::min<int>(settings.num_groups, static_cast<int>(points.size())));
     const auto num_groups =
         static_cast<std::size_t>(*std::max_element(ligament.group.begin(), ligament.group.end()) + 1);
     ligament.groups.resize(num_groups);
@@ -170,13 +167,13 @@ Ligament make_ligament(const TetMesh& mesh, const std::vector<NodeProbability>& 
         group.prior_median_n_per_m =
             group.threshold_n_per_m * std::exp(settings.log_stdev * normal_quantile(group.prior_probability));
     }
-    const bool strings = settings.model == "cubic_springs" ||
-                         (settings.model == "auto" && data.law == LigamentLaw::kCubicSpring);
+    const bool strings =
+        settings.model == "cubic_springs" || (settings.model == "auto" && data.law == LigamentLaw::kCubicSpring);
     if (strings)
         add_springs(mesh, data, weight, group_weight, ligament);
     else
-        add_band(mesh, settings.shear_ratio > 0.0 ? settings.shear_ratio : band_shear_ratio(data), weight,
-                 group_weight, ligament);
+        add_band(mesh, settings.shear_ratio > 0.0 ? settings.shear_ratio : band_shear_ratio(data), weight, group_weight,
+                 ligament);
     return ligament;
 }
 

@@ -53,8 +53,8 @@ struct Ligament {
     std::vector<double> probability;  ///< atlas, per node
 };
 
-Ligament make_ligament(const TetMesh& mesh, const std::vector<NodeProbability>& prior,
-                       const LigamentData& data, const LigamentSettings& settings);
+Ligament make_ligament(const TetMesh& mesh, const std::vector<NodeProbability>& prior, const LigamentData& data,
+                       const LigamentSettings& settings);
 
 /// Quantile of the standard normal distribution (Acklam's rational approximation, one Newton step).
 double normal_quantile(double probability);

@@ -45,8 +45,7 @@ void add_log_volume(const Vector3d& l, double K, double weight, PrincipalLaw& ou
     out.psi += weight * 0.5 * K * log_j * log_j;
     for (int i = 0; i < 3; ++i) {
         out.first(i) += weight * K * log_j / l(i);
-        for (int j = 0; j < 3; ++j)
-            out.second(i, j) += weight * K * (1.0 - (i == j ? log_j : 0.0)) / (l(i) * l(j));
+        for (int j = 0; j < 3; ++j) out.second(i, j) += weight * K * (1.0 - (i == j ? log_j : 0.0)) / (l(i) * l(j));
     }
 }
 
@@ -76,8 +75,7 @@ Result<Material> Material::make(const BodyData& body) {
             return invalid_input("body.shear_modulus_pa = " + std::to_string(body.shear_modulus_pa) +
                                  " must be above 0");
         if (!(body.bulk_modulus_pa > 0.0))
-            return invalid_input("body.bulk_modulus_pa = " + std::to_string(body.bulk_modulus_pa) +
-                                 " must be above 0");
+            return invalid_input("body.bulk_modulus_pa = " + std::to_string(body.bulk_modulus_pa) + " must be above 0");
         if (body.alpha == 0.0 || !std::isfinite(body.alpha))
             return invalid_input("body.alpha must be finite and not 0");
         m.mu_ = body.shear_modulus_pa;
@@ -87,8 +85,7 @@ Result<Material> Material::make(const BodyData& body) {
     }
     const double E = body.youngs_modulus_pa;
     const double nu = body.poissons_ratio;
-    if (!(E > 0.0))
-        return invalid_input("body.youngs_modulus_pa = " + std::to_string(E) + " must be above 0");
+    if (!(E > 0.0)) return invalid_input("body.youngs_modulus_pa = " + std::to_string(E) + " must be above 0");
     if (!(nu > -1.0 && nu < 0.5))
         return invalid_input("body.poissons_ratio = " + std::to_string(nu) +
                              " must lie between -1 and 0.5 (exclusive)");
@@ -146,8 +143,7 @@ bool Material::tangent(const Matrix3d& F, PartWeights part, double& psi, Matrix3
                 for (int c = 0; c < 3; ++c)
                     for (int b = 0; b < 3; ++b)
                         for (int a = 0; a < 3; ++a) {
-                            double v = part.shear * mu_ * F(a, d) * F(c, b) +
-                                       part.volume * lambda_ * F(a, b) * F(c, d);
+                            double v = part.shear * mu_ * F(a, d) * F(c, b) + part.volume * lambda_ * F(a, b) * F(c, d);
                             if (b == d) v += part.shear * mu_ * FFt(a, c);
                             A(a + 3 * b, c + 3 * d) += v;
                         }
@@ -174,8 +170,7 @@ bool Material::tangent(const Matrix3d& F, PartWeights part, double& psi, Matrix3
     }
     // Isotropic laws in principal stretches: S = sum_i s_i N_i N_i^T with s_i = (1/l_i) d psi/d l_i (Bonet &
     // Wood 6.6).
-    const Matrix3d E2 =
-        F.transpose() * F - Matrix3d::Identity();  // C - I, diagonalised for accuracy near rest
+    const Matrix3d E2 = F.transpose() * F - Matrix3d::Identity();  // C - I, diagonalised for accuracy near rest
     Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(E2);
     const Vector3d c = eigen.eigenvalues().array() + 1.0;
     if (!(c.minCoeff() > 1e-12) || F.determinant() <= 0.0) return false;
@@ -211,8 +206,8 @@ bool Material::tangent(const Matrix3d& F, PartWeights part, double& psi, Matrix3
                             A(a + 3 * b, e + 3 * d) += H(i, j) * f(a, i) * N(b, i) * f(e, j) * N(d, j);
             if (j <= i) continue;
             const double gap = c(j) - c(i);
-            const double m = std::abs(gap) > 1e-7 ? 2.0 * (s(j) - s(i)) / gap
-                                                  : H(i, i) - H(i, j);  // limit (1/l) d(s_i - s_j)/d l_i
+            const double m =
+                std::abs(gap) > 1e-7 ? 2.0 * (s(j) - s(i)) / gap : H(i, i) - H(i, j);  // limit (1/l) d(s_i - s_j)/d l_i
             Matrix3d pair = Matrix3d::Zero();
             pair = 0.5 * (f.col(i) * N.col(j).transpose() + f.col(j) * N.col(i).transpose());
             const Eigen::Map<const Eigen::Matrix<double, 9, 1>> g(pair.data());

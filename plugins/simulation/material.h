@@ -37,17 +37,14 @@ class Material {
     static Result<Material> make(const BodyData& body);
 
     BodyLaw law() const { return law_; }
-    double mu() const { return mu_; }  ///< shear modulus of small strain [Pa]
-    double lambda() const {
-        return lambda_;
-    }  ///< first Lame constant of small strain; Ogden: bulk modulus K [Pa]
+    double mu() const { return mu_; }          ///< shear modulus of small strain [Pa]
+    double lambda() const { return lambda_; }  ///< first Lame constant of small strain; Ogden: bulk modulus K [Pa]
     double alpha() const { return alpha_; }
 
     /// False if the law is undefined at F (det F <= 0 where a logarithm or a principal stretch is needed).
     bool energy(const Eigen::Matrix3d& F, PartWeights part, double& psi) const;
     bool stress(const Eigen::Matrix3d& F, PartWeights part, double& psi, Eigen::Matrix3d& P) const;
-    bool tangent(const Eigen::Matrix3d& F, PartWeights part, double& psi, Eigen::Matrix3d& P,
-                 Matrix9d& A) const;
+    bool tangent(const Eigen::Matrix3d& F, PartWeights part, double& psi, Eigen::Matrix3d& P, Matrix9d& A) const;
 
   private:
     BodyLaw law_ = BodyLaw::kStVK;

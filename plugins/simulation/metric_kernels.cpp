@@ -9,8 +9,7 @@ using Panel = MetricSolver::Panel;
 
 // Triangle: row j of the panel holds L(j, 0..j-1) and 1 / L(j, j).
 template <int kWidth, class P>
-inline void lower(const Panel& p, const std::int32_t* rows, const float* values, float* y,
-                  std::size_t stride) {
+inline void lower(const Panel& p, const std::int32_t* rows, const float* values, float* y, std::size_t stride) {
     P x[kWidth];
     float* own = y + static_cast<std::size_t>(p.first_row) * stride;
     const float* L = values + p.triangle;
@@ -31,8 +30,7 @@ inline void lower(const Panel& p, const std::int32_t* rows, const float* values,
 }
 
 template <int kWidth, class P>
-inline void upper(const Panel& p, const std::int32_t* rows, const float* values, float* y,
-                  std::size_t stride) {
+inline void upper(const Panel& p, const std::int32_t* rows, const float* values, float* y, std::size_t stride) {
     P x[kWidth]{};
     const float* B = values + p.rectangle;
     const std::int32_t* below = rows + p.below;
@@ -51,8 +49,8 @@ inline void upper(const Panel& p, const std::int32_t* rows, const float* values,
 }
 
 template <class P>
-inline void lower_all(const std::vector<Panel>& panels, const std::int32_t* rows, const float* values,
-                      float* y, std::size_t stride) {
+inline void lower_all(const std::vector<Panel>& panels, const std::int32_t* rows, const float* values, float* y,
+                      std::size_t stride) {
     for (const auto& p : panels) {
         switch (p.width) {
             case 12:
@@ -72,8 +70,8 @@ inline void lower_all(const std::vector<Panel>& panels, const std::int32_t* rows
 }
 
 template <class P>
-inline void upper_all(const std::vector<Panel>& panels, const std::int32_t* rows, const float* values,
-                      float* y, std::size_t stride) {
+inline void upper_all(const std::vector<Panel>& panels, const std::int32_t* rows, const float* values, float* y,
+                      std::size_t stride) {
     for (std::size_t k = panels.size(); k-- > 0;) {
         const auto& p = panels[k];
         switch (p.width) {
@@ -94,8 +92,8 @@ inline void upper_all(const std::vector<Panel>& panels, const std::int32_t* rows
 }
 
 template <class P>
-inline void subtract(const float* W, const float* c, float* y, std::size_t first, std::size_t last,
-                     std::size_t modes, std::size_t W_stride, std::size_t stride) {
+inline void subtract(const float* W, const float* c, float* y, std::size_t first, std::size_t last, std::size_t modes,
+                     std::size_t W_stride, std::size_t stride) {
     for (std::size_t r = first; r < last; ++r) {
         const float* w = W + r * W_stride;
         P even = load_pack<P>(y + r * stride), odd{};
@@ -132,15 +130,13 @@ void solve_upper(const std::vector<Panel>& panels, const std::int32_t* rows, con
 }
 
 TERES_MULTIVERSION
-void subtract_product(const float* W, const float* c, float* y, std::size_t first, std::size_t last,
-                      std::size_t modes, std::size_t W_stride, std::size_t stride) noexcept {
+void subtract_product(const float* W, const float* c, float* y, std::size_t first, std::size_t last, std::size_t modes,
+                      std::size_t W_stride, std::size_t stride) noexcept {
     std::size_t l = 0;
     for (; l + 16 <= stride; l += 16)
         subtract<LanePack<float, 16>>(W, c + l, y + l, first, last, modes, W_stride, stride);
-    for (; l + 8 <= stride; l += 8)
-        subtract<LanePack<float, 8>>(W, c + l, y + l, first, last, modes, W_stride, stride);
-    for (; l + 4 <= stride; l += 4)
-        subtract<LanePack<float, 4>>(W, c + l, y + l, first, last, modes, W_stride, stride);
+    for (; l + 8 <= stride; l += 8) subtract<LanePack<float, 8>>(W, c + l, y + l, first, last, modes, W_stride, stride);
+    for (; l + 4 <= stride; l += 4) subtract<LanePack<float, 4>>(W, c + l, y + l, first, last, modes, W_stride, stride);
 }
 
 }  // namespace teres

@@ -11,15 +11,13 @@
 namespace teres {
 
 /// L y = y over the panels in order, lanes [first_lane, first_lane + lanes) (a multiple of 4).
-void solve_lower(const std::vector<MetricSolver::Panel>& panels, const std::int32_t* rows,
-                 const float* values, float* y, std::size_t stride, std::size_t first_lane,
-                 std::size_t lanes) noexcept;
+void solve_lower(const std::vector<MetricSolver::Panel>& panels, const std::int32_t* rows, const float* values,
+                 float* y, std::size_t stride, std::size_t first_lane, std::size_t lanes) noexcept;
 /// L^T y = y over the panels in reverse order.
-void solve_upper(const std::vector<MetricSolver::Panel>& panels, const std::int32_t* rows,
-                 const float* values, float* y, std::size_t stride, std::size_t first_lane,
-                 std::size_t lanes) noexcept;
+void solve_upper(const std::vector<MetricSolver::Panel>& panels, const std::int32_t* rows, const float* values,
+                 float* y, std::size_t stride, std::size_t first_lane, std::size_t lanes) noexcept;
 /// y -= W c for rows [first, last): W has `modes` columns, rows W_stride apart; c has modes x stride values.
-void subtract_product(const float* W, const float* c, float* y, std::size_t first, std::size_t last,
-                      std::size_t modes, std::size_t W_stride, std::size_t stride) noexcept;
+void subtract_product(const float* W, const float* c, float* y, std::size_t first, std::size_t last, std::size_t modes,
+                      std::size_t W_stride, std::size_t stride) noexcept;
 
 }  // namespace teres

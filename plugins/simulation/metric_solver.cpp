@@ -20,8 +20,7 @@ std::vector<std::int32_t> split_tree(const SupernodalFactor& f, int threads) {
     std::vector<double> work(n), subtree(n);
     std::vector<std::vector<std::size_t>> children(n);
     for (std::size_t s = 0; s < n; ++s)
-        std::fill(of_column.begin() + f.column[s], of_column.begin() + f.column[s + 1],
-                  static_cast<std::int32_t>(s));
+        std::fill(of_column.begin() + f.column[s], of_column.begin() + f.column[s + 1], static_cast<std::int32_t>(s));
     for (std::size_t s = 0; s < n; ++s) {
         const auto columns = f.column[s + 1] - f.column[s], rows = f.row_start[s + 1] - f.row_start[s];
         work[s] = columns * (rows - 0.5 * columns) + 64.0;
@@ -68,8 +67,7 @@ std::vector<std::int32_t> split_tree(const SupernodalFactor& f, int threads) {
 
 }  // namespace
 
-MetricSolver::MetricSolver(const Cholesky& cholesky, int threads)
-    : shares_(static_cast<std::size_t>(threads)) {
+MetricSolver::MetricSolver(const Cholesky& cholesky, int threads) : shares_(static_cast<std::size_t>(threads)) {
     const SupernodalFactor f = cholesky.supernodes();
     const auto owner = split_tree(f, threads);
     const auto columns = static_cast<std::size_t>(f.column[f.num_supernodes]);
@@ -106,8 +104,7 @@ MetricSolver::MetricSolver(const Cholesky& cholesky, int threads)
             }
             p.triangle = num_values;
             p.rectangle = num_values + static_cast<std::size_t>(p.width * p.width);
-            num_values =
-                p.rectangle + static_cast<std::size_t>(p.width) * static_cast<std::size_t>(p.num_below);
+            num_values = p.rectangle + static_cast<std::size_t>(p.width) * static_cast<std::size_t>(p.num_below);
             p.source = static_cast<std::size_t>(f.value_start[s]) +
                        static_cast<std::size_t>(j) * static_cast<std::size_t>(rows + 1);
             p.leading = rows;
@@ -146,8 +143,7 @@ void MetricSolver::solve(float* y, std::size_t lanes, std::size_t open, TaskTeam
     TERES_CHECK(static_cast<std::size_t>(team.threads()) == threads);
     std::fill(y + top + top_size, y + storage_rows_ * stride, 0.0f);
     team.run([&](int rank) {
-        solve_lower(shares_[static_cast<std::size_t>(rank)].panels, rows_.data(), values_.data(), y, stride,
-                    0, width);
+        solve_lower(shares_[static_cast<std::size_t>(rank)].panels, rows_.data(), values_.data(), y, stride, 0, width);
     });
     for (std::size_t t = 1; t < threads; ++t)
         for (std::size_t k = 0; k < top_size; ++k) y[top + k] += y[top + t * top_size + k];
@@ -158,15 +154,12 @@ void MetricSolver::solve(float* y, std::size_t lanes, std::size_t open, TaskTeam
     };
     const std::size_t packs = width / 4;
     if (threads > 1 && packs > 1)
-        team.split(packs, [&](int, std::size_t first, std::size_t last) {
-            solve_top(4 * first, 4 * (last - first));
-        });
+        team.split(packs, [&](int, std::size_t first, std::size_t last) { solve_top(4 * first, 4 * (last - first)); });
     else
         solve_top(0, width);
     for (std::size_t t = 1; t < threads; ++t) std::copy_n(y + top, top_size, y + top + t * top_size);
     team.run([&](int rank) {
-        solve_upper(shares_[static_cast<std::size_t>(rank)].panels, rows_.data(), values_.data(), y, stride,
-                    0, width);
+        solve_upper(shares_[static_cast<std::size_t>(rank)].panels, rows_.data(), values_.data(), y, stride, 0, width);
     });
 }
 

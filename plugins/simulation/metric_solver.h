@@ -35,8 +35,8 @@ class MetricSolver {
     /// Rows that a vector must have space for (a share of the top for each thread).
     std::size_t num_storage_rows() const { return storage_rows_; }
     std::int32_t free_row(std::size_t row) const { return free_row_[row]; }
-    /// [loop] In place; y has num_storage_rows() * lane_stride(lanes) values. The first `open` lanes are solved, others hold
-    /// anything afterwards.
+    /// [loop] In place; y has num_storage_rows() * lane_stride(lanes) values. The first `open` lanes are solved, others
+    /// hold anything afterwards.
     void solve(float* y, std::size_t lanes, std::size_t open, TaskTeam& team) noexcept;
     void solve(float* y, std::size_t lanes, TaskTeam& team) noexcept { solve(y, lanes, lanes, team); }
 

@@ -17,8 +17,7 @@ void Obstacles::add_gradient(const double* x, double* gradient, double* energy, 
                 if (depth >= 0.0 || length == 0.0) continue;
                 energy[l] += 0.5 * stiffness * depth * depth;
                 for (std::size_t a = 0; a < 3; ++a)
-                    gradient[d + a * stride + l] +=
-                        stiffness * depth / length * r(static_cast<Eigen::Index>(a));
+                    gradient[d + a * stride + l] += stiffness * depth / length * r(static_cast<Eigen::Index>(a));
             }
         }
 }

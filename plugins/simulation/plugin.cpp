@@ -1,5 +1,6 @@
 // Unit `simulation`: reads the case, offers teres.forward_model/1, teres.topology/1 and, if asked,
-// teres.trajectory_model/2. It has no messages of its own; whoever estimates or simulates calls the interface and publishes.
+// teres.trajectory_model/2. It has no messages of its own; whoever estimates or simulates calls the interface and
+// publishes.
 #include "core/plugin_sdk.h"
 
 #include "core/case/case_reader.h"
@@ -25,8 +26,8 @@ class SimulationPlugin final : public Unit {
         TERES_TRY_ASSIGN(model_, CaseModel::make(c, settings.model_settings()));
         host_.log(TERES_LOG_INFO, "simulation",
                   c.name + ": " + std::to_string(c.mesh.tets.size()) + " tetrahedra, " +
-                      std::to_string(c.mesh.nodes.size()) + " nodes, " +
-                      std::to_string(model_->num_parameters()) + " unknowns");
+                      std::to_string(c.mesh.nodes.size()) + " nodes, " + std::to_string(model_->num_parameters()) +
+                      " unknowns");
         if (settings.trajectories) {
             TERES_TRY_ASSIGN(trajectory_, Trajectory::make(c, settings.player_settings()));
         }
@@ -36,8 +37,7 @@ class SimulationPlugin final : public Unit {
     void* extension(std::string_view id) override {
         if (id == ForwardModel::kId && model_) return static_cast<ForwardModel*>(model_.get());
         if (id == Topology::kId && model_) return static_cast<Topology*>(model_.get());
-        if (id == TrajectoryModel::kId && trajectory_)
-            return static_cast<TrajectoryModel*>(trajectory_.get());
+        if (id == TrajectoryModel::kId && trajectory_) return static_cast<TrajectoryModel*>(trajectory_.get());
         return nullptr;
     }
 

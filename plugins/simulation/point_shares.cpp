@@ -48,17 +48,15 @@ PointShares::PointShares(const std::vector<StrainPoints>& points, const Position
             for (auto i = set.offset[q]; i < set.offset[q + 1]; ++i)
                 ++votes[static_cast<std::size_t>(
                     owner[static_cast<std::size_t>(set.node[static_cast<std::size_t>(i)])])];
-            const auto rank =
-                static_cast<std::size_t>(std::max_element(votes.begin(), votes.end()) - votes.begin());
+            const auto rank = static_cast<std::size_t>(std::max_element(votes.begin(), votes.end()) - votes.begin());
             of_rank[rank].push_back(static_cast<std::int32_t>(q));
             for (auto i = set.offset[q]; i < set.offset[q + 1]; ++i) {
                 const auto k = static_cast<std::size_t>(i);
                 const bool own = owner[static_cast<std::size_t>(set.node[k])] == static_cast<int>(rank);
-                shares.row[k] =
-                    own ? set.node[k]  // spares are counted per thread until all are known
-                        : ~spare[rank]
-                               .try_emplace(set.node[k], static_cast<std::int32_t>(spare[rank].size()))
-                               .first->second;
+                shares.row[k] = own ? set.node[k]  // spares are counted per thread until all are known
+                                    : ~spare[rank]
+                                           .try_emplace(set.node[k], static_cast<std::int32_t>(spare[rank].size()))
+                                           .first->second;
             }
         }
         for (const auto& share : of_rank) {

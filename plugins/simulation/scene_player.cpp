@@ -13,8 +13,7 @@ using Eigen::Vector3d;
 
 namespace {
 
-constexpr double kClampLayer =
-    1e-4;  // thickness of the layer that stands for a rigid clamp, over the body's size
+constexpr double kClampLayer = 1e-4;      // thickness of the layer that stands for a rigid clamp, over the body's size
 constexpr int kFollowerRounds = 12;       // a pressure follows the surface in rounds ...
 constexpr double kFollowerChange = 1e-4;  // ... until its force changes by less than this share
 
@@ -22,8 +21,7 @@ constexpr double kFollowerChange = 1e-4;  // ... until its force changes by less
 Result<double> lay_clamps_on_springs(Case& c) {
     TERES_TRY_ASSIGN(const TetMesh mesh, TetMesh::make(c.mesh));
     TERES_TRY_ASSIGN(const Material material, Material::make(c.body));
-    const double size = (mesh.X.rowwise().maxCoeff() - mesh.X.rowwise().minCoeff()).norm(),
-                 layer = kClampLayer * size;
+    const double size = (mesh.X.rowwise().maxCoeff() - mesh.X.rowwise().minCoeff()).norm(), layer = kClampLayer * size;
     std::vector<char> clamped(mesh.num_nodes(), 0);
     for (const auto node : c.clamped) clamped[static_cast<std::size_t>(node)] = 1;
     std::vector<double> clamped_area(mesh.num_nodes(), 0.0);  // of the clamped faces alone
@@ -32,13 +30,11 @@ Result<double> lay_clamps_on_springs(Case& c) {
         bool all = true;
         for (const auto node : f) all = all && clamped[static_cast<std::size_t>(node)];
         if (all)
-            for (const auto node : f)
-                clamped_area[static_cast<std::size_t>(node)] += (b - a).cross(d - a).norm() / 6.0;
+            for (const auto node : f) clamped_area[static_cast<std::size_t>(node)] += (b - a).cross(d - a).norm() / 6.0;
     }
     for (const auto node : c.clamped) {
         const auto i = static_cast<std::size_t>(node);
-        const double area =
-            clamped_area[i] > 0.0 ? clamped_area[i] : std::pow(mesh.node_volume[i], 2.0 / 3.0);
+        const double area = clamped_area[i] > 0.0 ? clamped_area[i] : std::pow(mesh.node_volume[i], 2.0 / 3.0);
         SpringData spring;
         spring.node_id = node;
         spring.anchor_m = c.mesh.nodes[i];
@@ -108,8 +104,7 @@ void ScenePlayer::enter(double t_s, const Hypothesis& h, const std::vector<std::
     KnownLoads between;
     const bool at_frame = frame != times_.end() && *frame == t_s;
     if (!at_frame) between = loads_at(t_s);
-    const KnownLoads& loads =
-        at_frame ? frame_loads_[static_cast<std::size_t>(frame - times_.begin())] : between;
+    const KnownLoads& loads = at_frame ? frame_loads_[static_cast<std::size_t>(frame - times_.begin())] : between;
     scene_->reset(t_s, loads.region_force_n);
     for (std::size_t e = 0; e < effects.size(); ++e)
         for (const auto& on : h.effects)
@@ -151,8 +146,7 @@ ScenePlayer::StepResult ScenePlayer::step(double from_s, double to_s, const Hypo
     const std::size_t stride = padded_lanes(1);
     const bool dynamic = scene_->dynamic;
     std::vector<double> theta(std::max<std::size_t>(1, h.theta.size()) * stride, 0.0);
-    for (std::size_t p = 0; p < h.theta.size(); ++p)
-        std::fill_n(theta.begin() + p * stride, stride, h.theta[p]);
+    for (std::size_t p = 0; p < h.theta.size(); ++p) std::fill_n(theta.begin() + p * stride, stride, h.theta[p]);
     const double length = to_s - from_s, memory_length = (1.0 - model_->stepper().alpha_f()) * length;
 
     enter(to_s, h, effects, actions_);
@@ -198,8 +192,7 @@ TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::u
     const std::size_t end = horizon > 0 ? std::min(horizon, times_.size()) : times_.size();
     const std::size_t num_wanted = frames.empty() ? end : frames.size();
     for (std::size_t f = 0; f < end; ++f) {
-        const bool wanted =
-            frames.empty() || (listed < frames.size() && static_cast<std::size_t>(frames[listed]) == f);
+        const bool wanted = frames.empty() || (listed < frames.size() && static_cast<std::size_t>(frames[listed]) == f);
         if (!wanted && !memory) continue;
         bool converged = true;
         if (!dynamic || f > 0) {
@@ -212,8 +205,8 @@ TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::u
             const int parts =
                 dynamic ? std::max(1, static_cast<int>(std::ceil(length / settings_.max_step_s - 1e-9))) : 1;
             for (int k = 0; k < parts; ++k) {
-                const StepResult r = step(to - length + length * k / parts,
-                                          to - length + length * (k + 1) / parts, h, effects);
+                const StepResult r =
+                    step(to - length + length * k / parts, to - length + length * (k + 1) / parts, h, effects);
                 converged = converged && r.converged;
                 report.relative_residual = std::max(report.relative_residual, r.relative_residual);
             }

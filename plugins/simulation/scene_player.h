@@ -14,11 +14,11 @@ namespace teres {
 
 struct PlayerSettings {
     CaseModelSettings model;
-    double max_step_s = 0.0025;  ///< of dynamic cases; frames further apart are played in substeps
+    double max_step_s = 0.0025;      ///< of dynamic cases; frames further apart are played in substeps
     double most_failed_share = 0.1;  ///< of the frames; a trajectory with more that do not converge is given up
-    int num_frames = 0;          ///< only so many from the first; 0: all
-    bool soft_clamps = true;     ///< clamped nodes sit on a thin stiff layer instead of being held, so that
-                                 ///< effects can move it or let it give way
+    int num_frames = 0;              ///< only so many from the first; 0: all
+    bool soft_clamps = true;         ///< clamped nodes sit on a thin stiff layer instead of being held, so that
+                                     ///< effects can move it or let it give way
 };
 
 class ScenePlayer {
@@ -45,7 +45,8 @@ class ScenePlayer {
     /// subspace: of a dynamic body's motion; null: all of the mesh moves.
     TrajectoryReport play(const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
                           std::span<const std::int32_t> frames, const Visitor& visit,
-                          const std::function<void(std::size_t frame, double* x)>& guess = {}, std::size_t horizon = 0, SubspaceSolver* subspace = nullptr);
+                          const std::function<void(std::size_t frame, double* x)>& guess = {}, std::size_t horizon = 0,
+                          SubspaceSolver* subspace = nullptr);
 
   private:
     ScenePlayer() = default;
@@ -69,9 +70,9 @@ class ScenePlayer {
     std::vector<KnownLoads> frame_loads_;
     std::vector<double> times_;
     ViscousMemory memory_;
-    std::vector<double> state_;  // one lane: 3N positions, then velocities, accelerations
+    std::vector<double> state_;       // one lane: 3N positions, then velocities, accelerations
     std::vector<double> last_state_;  // before a guess was added; empty: none was
-    std::vector<double> batch_;  // batch layout
+    std::vector<double> batch_;       // batch layout
     ExternalActions actions_;
 };
 

@@ -55,20 +55,17 @@ struct SimulationSettings {
               "springs");
         field("num_groups", num_groups, {1, 64}, "ligament regions that share a stiffness (unknowns)");
         field("min_probability", min_probability, {0.0, 1.0}, "atlas nodes below this are left out");
-        field("ligament_log_stdev", ligament_log_stdev, {0.05, 5.0},
-              "prior standard deviation of ln(stiffness)");
+        field("ligament_log_stdev", ligament_log_stdev, {0.05, 5.0}, "prior standard deviation of ln(stiffness)");
         field("attached_share", attached_share, {0.001, 1.0},
               "a group counts as attached above this share of the full stiffness");
         field("band_shear_ratio", band_shear_ratio, {0.0, 2.0},
               "tangential over normal stiffness of a band; 0: from its proportions");
         field("integrator", integrator, "auto|quasi_static|implicit_euler|generalised_alpha",
               "auto: as case.json says");
-        field("spectral_radius", spectral_radius, {0.0, 1.0},
-              "generalised alpha: 1 no numerical damping, 0 strongest");
+        field("spectral_radius", spectral_radius, {0.0, 1.0}, "generalised alpha: 1 no numerical damping, 0 strongest");
         field("relative_residual", relative_residual, {1e-12, 1e-2},
               "a step ends when |residual| <= this * |applied force|");
-        field("max_iterations", max_iterations, {1, 1000},
-              "quasi-Newton iterations before plain Newton takes over");
+        field("max_iterations", max_iterations, {1, 1000}, "quasi-Newton iterations before plain Newton takes over");
         field("refactorise_after", refactorise_after, {1, 1000},
               "without renewals in the background: a step with more iterations has the tangent factorised anew before "
               "the next one");

@@ -11,13 +11,12 @@ SharedMetric::SharedMetric(const MechanicalSystem& system, std::size_t max_lanes
     : system_(system),
       cholesky_(system.pattern()),
       solver_(cholesky_, system.team().threads()),
-      correction_(system.parts().tethers, system.parts().num_parameters, system.pattern(), solver_,
-                  max_lanes) {
+      correction_(system.parts().tethers, system.parts().num_parameters, system.pattern(), solver_, max_lanes) {
     values_.reserve(system.pattern().num_values());
 }
 
-bool SharedMetric::read(const ExternalActions& actions, const Inertia& inertia, std::size_t lane,
-                        const double* theta, const Positions& x) noexcept {
+bool SharedMetric::read(const ExternalActions& actions, const Inertia& inertia, std::size_t lane, const double* theta,
+                        const Positions& x) noexcept {
     usable_ = false;
     if (!system_.tangent(actions, inertia, lane, theta, x, values_)) return false;
     correction_.read(system_.parts().tethers, theta, x);
@@ -33,8 +32,7 @@ bool SharedMetric::factorise(TaskTeam& team, int& factorisations) noexcept {
     mean /= static_cast<double>(std::max<std::size_t>(1, rows));
     bool definite = false;
     for (double shift = 0.0; shift < mean && !definite; shift = shift == 0.0 ? 1e-6 * mean : 10.0 * shift) {
-        for (std::size_t j = 0; j < rows && shift > 0.0; ++j)
-            values_[static_cast<std::size_t>(start[j])] += shift;
+        for (std::size_t j = 0; j < rows && shift > 0.0; ++j) values_[static_cast<std::size_t>(start[j])] += shift;
         ++factorisations;
         definite = cholesky_.factorise(values_);
     }

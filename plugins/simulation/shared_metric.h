@@ -21,12 +21,12 @@ class SharedMetric {
     /// [setup]
     SharedMetric(const MechanicalSystem& system, std::size_t max_lanes);
 
-    /// [loop] Takes the tangent at `x` (lane of inertia.damping: `lane`) with parameters `theta` (one lane). False: outside
-    /// of the law's domain.
+    /// [loop] Takes the tangent at `x` (lane of inertia.damping: `lane`) with parameters `theta` (one lane). False:
+    /// outside of the law's domain.
     bool read(const ExternalActions& actions, const Inertia& inertia, std::size_t lane, const double* theta,
               const Positions& x) noexcept;
-    /// [loop] Factorises what was read; the system may change meanwhile. Counts factorisations. False: not positive definite
-    /// even when shifted.
+    /// [loop] Factorises what was read; the system may change meanwhile. Counts factorisations. False: not positive
+    /// definite even when shifted.
     bool factorise(TaskTeam& team, int& factorisations) noexcept;
     bool usable() const { return usable_; }
 
@@ -49,8 +49,7 @@ class MetricRenewal {
 
     bool running() const { return running_; }
     /// [loop] Begins a renewal at this state (copied).
-    void begin(const ExternalActions& actions, double inertia_coefficient, const double* theta,
-               const Positions& x);
+    void begin(const ExternalActions& actions, double inertia_coefficient, const double* theta, const Positions& x);
     /// [loop] The system is about to change: waits until the thread has read it. What it makes of it is not taken over.
     void release_system();
     /// [loop] Waits for it and exchanges it for `metric` if it succeeded.

@@ -26,7 +26,7 @@ struct SpringFan {
         double rest_length_m = 0.0;
         double weight = 1.0;  ///< w
     };
-    std::vector<Spring> near, far;  ///< the first of each is the straight one
+    std::vector<Spring> near, far;                     ///< the first of each is the straight one
     Eigen::Vector3d middle = Eigen::Vector3d::Zero();  ///< Y [m]
     std::array<double, 3> k{};                         ///< k0 [N/m^3], k1 [N/m^2], k2 > 0 [N/m]
 };

@@ -34,8 +34,7 @@ Matrix3d StvkTets::deformation_gradient(std::size_t e, const VectorXd& x) const 
 
 Matrix3d StvkTets::second_piola(const Matrix3d& F, double modulus) const noexcept {
     const Matrix3d E = 0.5 * (F.transpose() * F - Matrix3d::Identity());
-    return lambda_per_modulus_ * modulus * E.trace() * Matrix3d::Identity() +
-           2.0 * mu_per_modulus_ * modulus * E;
+    return lambda_per_modulus_ * modulus * E.trace() * Matrix3d::Identity() + 2.0 * mu_per_modulus_ * modulus * E;
 }
 
 void StvkTets::add_force(const VectorXd& x, std::span<const double> modulus, VectorXd& force) const noexcept {
@@ -46,9 +45,8 @@ void StvkTets::add_force(const VectorXd& x, std::span<const double> modulus, Vec
     }
 }
 
-void StvkTets::add_force_and_stiffness(const VectorXd& x, std::span<const double> modulus,
-                                       const BlockPattern& pattern, VectorXd& force,
-                                       std::vector<double>& values) const noexcept {
+void StvkTets::add_force_and_stiffness(const VectorXd& x, std::span<const double> modulus, const BlockPattern& pattern,
+                                       VectorXd& force, std::vector<double>& values) const noexcept {
     for (std::size_t e = 0; e < tets_.size(); ++e) {
         const Matrix3d F = deformation_gradient(e, x);
         const Matrix3d S2 = second_piola(F, modulus[e]);
@@ -61,8 +59,8 @@ void StvkTets::add_force_and_stiffness(const VectorXd& x, std::span<const double
         const Matrix3d FFt = F * F.transpose();
         for (int i = 0; i < 4; ++i)
             for (int j = i; j < 4; ++j) {
-                Matrix3d K = lambda * Fg.col(i) * Fg.col(j).transpose() +
-                             mu * Fg.col(j) * Fg.col(i).transpose() + mu * g.col(i).dot(g.col(j)) * FFt;
+                Matrix3d K = lambda * Fg.col(i) * Fg.col(j).transpose() + mu * Fg.col(j) * Fg.col(i).transpose() +
+                             mu * g.col(i).dot(g.col(j)) * FFt;
                 K.diagonal().array() += g.col(i).dot(Sg.col(j));
                 pattern.add(tets_[e][static_cast<std::size_t>(i)], tets_[e][static_cast<std::size_t>(j)],
                             block(e, i, j), K, values);

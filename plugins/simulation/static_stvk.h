@@ -23,9 +23,8 @@ class StvkTets final : public ElasticTets {
 
     void add_force(const Eigen::VectorXd& x, std::span<const double> modulus,
                    Eigen::VectorXd& force) const noexcept override;
-    void add_force_and_stiffness(const Eigen::VectorXd& x, std::span<const double> modulus,
-                                 const BlockPattern& pattern, Eigen::VectorXd& force,
-                                 std::vector<double>& values) const noexcept override;
+    void add_force_and_stiffness(const Eigen::VectorXd& x, std::span<const double> modulus, const BlockPattern& pattern,
+                                 Eigen::VectorXd& force, std::vector<double>& values) const noexcept override;
     double energy(const Eigen::VectorXd& x, std::span<const double> modulus) const noexcept;
 
   private:
@@ -40,8 +39,7 @@ class StvkTets final : public ElasticTets {
 
 /// Plain conjugate gradients for A y = b (A symmetric, BlockPattern values) from y = 0. Stops after
 /// max_iterations or when |r| <= tolerance |b|. Returns the iterations done.
-int conjugate_gradient(const BlockPattern& pattern, const std::vector<double>& values,
-                       const Eigen::VectorXd& b, int max_iterations, double tolerance,
-                       Eigen::VectorXd& y) noexcept;
+int conjugate_gradient(const BlockPattern& pattern, const std::vector<double>& values, const Eigen::VectorXd& b,
+                       int max_iterations, double tolerance, Eigen::VectorXd& y) noexcept;
 
 }  // namespace teres

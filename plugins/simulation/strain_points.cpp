@@ -71,15 +71,13 @@ StrainPoints quadratic_points(const TetMesh& mesh) {
             std::vector<std::pair<NodeIndex, Vector3d>> entries;
             const auto& g = mesh.gradient[e];
             for (int i = 0; i < 4; ++i)  // N_i = L_i (2 L_i - 1)
-                entries.emplace_back(quadratic.tets[e][static_cast<std::size_t>(i)],
-                                     (4.0 * L(i) - 1.0) * g.col(i));
+                entries.emplace_back(quadratic.tets[e][static_cast<std::size_t>(i)], (4.0 * L(i) - 1.0) * g.col(i));
             for (int k = 0; k < 6; ++k) {  // N_ij = 4 L_i L_j
                 const int i = kEdges[k][0], j = kEdges[k][1];
                 entries.emplace_back(quadratic.tets[e][static_cast<std::size_t>(4 + k)],
                                      4.0 * (L(i) * g.col(j) + L(j) * g.col(i)));
             }
-            std::sort(entries.begin(), entries.end(),
-                      [](const auto& l, const auto& r) { return l.first < r.first; });
+            std::sort(entries.begin(), entries.end(), [](const auto& l, const auto& r) { return l.first < r.first; });
             for (const auto& [node, gradient] : entries) append_entry(points, node, gradient);
             close_point(points, mesh.volume[e] / 4.0);
         }
@@ -99,8 +97,7 @@ QuadraticMesh make_quadratic(const TetMesh& mesh) {
             std::array<NodeIndex, 2> edge{t[static_cast<std::size_t>(kEdges[k][0])],
                                           t[static_cast<std::size_t>(kEdges[k][1])]};
             std::sort(edge.begin(), edge.end());
-            const auto [entry, added] =
-                mid.try_emplace(edge, corners + static_cast<NodeIndex>(out.edge.size()));
+            const auto [entry, added] = mid.try_emplace(edge, corners + static_cast<NodeIndex>(out.edge.size()));
             if (added) out.edge.push_back(edge);
             q[4 + k] = entry->second;
         }

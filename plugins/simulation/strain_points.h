@@ -20,8 +20,9 @@
 namespace teres {
 
 struct StrainPoints {
-    PartWeights part;                     ///< share of the energy that these points carry
-    std::vector<std::int32_t> point_of_node;  ///< nodal averages: -1 for nodes without tissue; empty: points of elements
+    PartWeights part;  ///< share of the energy that these points carry
+    std::vector<std::int32_t>
+        point_of_node;                    ///< nodal averages: -1 for nodes without tissue; empty: points of elements
     std::vector<std::int32_t> offset;     ///< num_points + 1
     std::vector<NodeIndex> node;          ///< nodes of each point, ascending
     std::vector<double> gradient;         ///< dN/dX, 3 per node entry [1/m]

@@ -26,7 +26,8 @@ MatrixXd orthonormal(const MatrixXd& columns) {
 
 }  // namespace
 
-SubspaceSolver::SubspaceSolver(const MechanicalSystem& system, const EquilibriumSettings& settings, const MatrixXd& columns)
+SubspaceSolver::SubspaceSolver(const MechanicalSystem& system, const EquilibriumSettings& settings,
+                               const MatrixXd& columns)
     : system_(system),
       relative_residual_(settings.relative_residual),
       max_iterations_(settings.max_iterations),
@@ -66,8 +67,8 @@ bool SubspaceSolver::start_metric(const ExternalActions& actions, const Inertia&
     return true;
 }
 
-double SubspaceSolver::evaluate(const ExternalActions& actions, const Inertia& inertia, const double* theta, const double* x,
-                                VectorXd& r) noexcept {
+double SubspaceSolver::evaluate(const ExternalActions& actions, const Inertia& inertia, const double* theta,
+                                const double* x, VectorXd& r) noexcept {
     const std::size_t stride = padded_lanes(1);
     system_.gradient(actions, inertia, theta, x, gradient_.data(), energy_.data(), stride, 1);
     for (Index d = 0; d < full_.size(); ++d) full_(d) = gradient_[static_cast<std::size_t>(d) * stride];
@@ -97,8 +98,9 @@ EquilibriumReport SubspaceSolver::solve(const ExternalActions& actions, const In
             for (std::size_t k = 0; k < x_.size(); ++k) x_[k] = x[k] + step * move_(static_cast<Index>(k / stride));
             trial_energy = evaluate(actions, inertia, theta, x_.data(), trial_r_);
             const double noise = kEnergyNoise * std::abs(energy);
-            accepted = trial_r_.allFinite() && (trial_energy <= energy - kArmijo * step * slope ||
-                                                (trial_energy <= energy + 100.0 * noise && trial_r_.norm() < r_.norm()));
+            accepted =
+                trial_r_.allFinite() && (trial_energy <= energy - kArmijo * step * slope ||
+                                         (trial_energy <= energy + 100.0 * noise && trial_r_.norm() < r_.norm()));
         }
         if (!accepted) break;
         // H <- (I - rho s y^T) H (I - rho y s^T) + rho s s^T

@@ -19,8 +19,8 @@ MechanicalSystem::MechanicalSystem(Parts parts) : parts_(std::move(parts)) {
     work_->shares = PointShares(parts_.body.points(), parts_.X, parts_.threads);
 }
 
-void MechanicalSystem::resolve(std::span<const double> region_force_n,
-                               std::span<const double> tool_position_m, ExternalActions& out) const {
+void MechanicalSystem::resolve(std::span<const double> region_force_n, std::span<const double> tool_position_m,
+                               ExternalActions& out) const {
     out.force_n.setZero(static_cast<Eigen::Index>(3 * num_nodes()));
     for (std::size_t i = 0; i < num_nodes(); ++i)  // m g
         out.force_n.segment<3>(static_cast<Eigen::Index>(3 * i)) =
@@ -65,8 +65,7 @@ void MechanicalSystem::gradient(const ExternalActions& actions, const Inertia& i
     });
     w.team.run([&](int rank) {
         std::fill(w.spare.begin() + static_cast<std::ptrdiff_t>(3 * w.shares.spare_begin(rank) * stride),
-                  w.spare.begin() + static_cast<std::ptrdiff_t>(3 * w.shares.spare_begin(rank + 1) * stride),
-                  0.0);
+                  w.spare.begin() + static_cast<std::ptrdiff_t>(3 * w.shares.spare_begin(rank + 1) * stride), 0.0);
         parts_.body.add_gradient(w.shares, rank, x, gradient, w.spare.data(),
                                  &w.energy[static_cast<std::size_t>(rank) * stride], stride, lanes);
     });
@@ -112,8 +111,7 @@ void MechanicalSystem::add_damping(const Inertia& inertia, const double* x, doub
                     damping.difference[static_cast<std::size_t>(3 * row) + a] = x[d] - damping.target[d];
                 }
         std::fill(damping.product.begin(), damping.product.end(), 0.0);
-        pattern_.multiply(damping.values[inertia.damping_lane + l], damping.difference.data(),
-                          damping.product.data());
+        pattern_.multiply(damping.values[inertia.damping_lane + l], damping.difference.data(), damping.product.data());
         for (std::size_t i = 0; i < num_nodes(); ++i)
             if (const auto row = pattern_.free_index(static_cast<NodeIndex>(i)); row >= 0)
                 for (std::size_t a = 0; a < 3; ++a) {
@@ -125,8 +123,7 @@ void MechanicalSystem::add_damping(const Inertia& inertia, const double* x, doub
 }
 
 bool MechanicalSystem::tangent(const ExternalActions& actions, const Inertia& inertia, std::size_t lane,
-                               const double* theta, const Positions& x,
-                               std::vector<double>& values) const noexcept {
+                               const double* theta, const Positions& x, std::vector<double>& values) const noexcept {
     const double inertia_coefficient = inertia.coefficient;
     values.assign(pattern_.num_values(), 0.0);
     if (!parts_.body.add_tangent(x, pattern_, values)) return false;
@@ -142,10 +139,10 @@ bool MechanicalSystem::tangent(const ExternalActions& actions, const Inertia& in
         for (std::size_t i = 0; i < num_nodes(); ++i)
             if (!parts_.held[i]) {
                 const auto node = static_cast<NodeIndex>(i);
-                pattern_.add(node, node, pattern_.block(node, node),
-                             inertia_coefficient * parts_.node_mass_kg(static_cast<Eigen::Index>(i)) *
-                                 Matrix3d::Identity(),
-                             values);
+                pattern_.add(
+                    node, node, pattern_.block(node, node),
+                    inertia_coefficient * parts_.node_mass_kg(static_cast<Eigen::Index>(i)) * Matrix3d::Identity(),
+                    values);
             }
     if (inertia.damping != nullptr && inertia.damping->coefficient != 0.0) {
         const auto& K = inertia.damping->values[inertia.damping_lane + lane];

@@ -85,16 +85,15 @@ class MechanicalSystem {
                  ExternalActions& out) const;
     /// [loop] Overwrites energy (per lane) and gradient (batch layout; zero on held nodes) of the first `lanes` lanes;
     /// others hold anything afterwards.
-    void gradient(const ExternalActions& actions, const Inertia& inertia, const double* theta,
-                  const double* x, double* gradient, double* energy, std::size_t stride,
-                  std::size_t lanes) const noexcept;
+    void gradient(const ExternalActions& actions, const Inertia& inertia, const double* theta, const double* x,
+                  double* gradient, double* energy, std::size_t stride, std::size_t lanes) const noexcept;
     /// [loop] Overwrites the tangent of one state. False outside the law's domain.
-    bool tangent(const ExternalActions& actions, const Inertia& inertia, std::size_t lane,
-                 const double* theta, const Positions& x, std::vector<double>& values) const noexcept;
+    bool tangent(const ExternalActions& actions, const Inertia& inertia, std::size_t lane, const double* theta,
+                 const Positions& x, std::vector<double>& values) const noexcept;
 
   private:
-    void add_damping(const Inertia& inertia, const double* x, double* gradient, double* energy,
-                     std::size_t stride, std::size_t lanes) const noexcept;
+    void add_damping(const Inertia& inertia, const double* x, double* gradient, double* energy, std::size_t stride,
+                     std::size_t lanes) const noexcept;
 
     /// Workspaces of gradient(): one call at a time.
     struct Work {

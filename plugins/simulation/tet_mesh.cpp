@@ -90,8 +90,7 @@ Result<TetMesh> TetMesh::make(const TetMeshData& data) {
     mesh.node_normal.setZero(3, num_nodes);
     mesh.node_area.assign(data.nodes.size(), 0.0);
     for (const auto& f : mesh.surface) {
-        const Vector3d n =
-            0.5 * (mesh.X.col(f[1]) - mesh.X.col(f[0])).cross(mesh.X.col(f[2]) - mesh.X.col(f[0]));
+        const Vector3d n = 0.5 * (mesh.X.col(f[1]) - mesh.X.col(f[0])).cross(mesh.X.col(f[2]) - mesh.X.col(f[0]));
         for (const auto node : f) {
             mesh.node_normal.col(node) += n;
             mesh.node_area[static_cast<std::size_t>(node)] += n.norm() / 3.0;

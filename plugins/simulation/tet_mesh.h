@@ -20,8 +20,8 @@ struct TetMesh {
     std::vector<Eigen::Matrix<double, 3, 4>> gradient;  ///< dN_i/dX, column per vertex [1/m]
     std::vector<double> node_volume;                    ///< a quarter of each adjacent tetrahedron [m^3]
     std::vector<std::array<NodeIndex, 3>> surface;      ///< boundary triangles, outward orientation
-    Positions node_normal;          ///< outward, area-weighted, unit length on the surface, else 0
-    std::vector<double> node_area;  ///< a third of each adjacent surface triangle [m^2]
+    Positions node_normal;                              ///< outward, area-weighted, unit length on the surface, else 0
+    std::vector<double> node_area;                      ///< a third of each adjacent surface triangle [m^2]
 
     std::size_t num_nodes() const { return static_cast<std::size_t>(X.cols()); }
 

@@ -17,8 +17,7 @@ Result<TetShape> tet_shape(const TetMeshData& mesh, std::size_t element) {
         return Eigen::Vector3d(p[0], p[1], p[2]);
     };
     TetShape shape;
-    for (std::size_t i = 1; i < 4; ++i)
-        shape.edges.col(static_cast<Eigen::Index>(i) - 1) = point(i) - point(0);
+    for (std::size_t i = 1; i < 4; ++i) shape.edges.col(static_cast<Eigen::Index>(i) - 1) = point(i) - point(0);
     const double determinant = shape.edges.determinant();
     shape.volume = std::abs(determinant) / 6.0;
     const double size = shape.edges.colwise().norm().maxCoeff();

@@ -29,8 +29,7 @@ double energy_and_gradient(const Tether& t, const Vector3d& x, Vector3d& gradien
             gradient *= kTaut;
             if (length <= z) return kTaut * energy;
             // v = u (1 - z/|u|), dv/du = I - z/|u| (I - e e^T), e = u/|u|
-            const Vector3d e = u / length,
-                           a = (1.0 - kTaut) * t.share * (band_stiffness(t.band) * (u - z * e));
+            const Vector3d e = u / length, a = (1.0 - kTaut) * t.share * (band_stiffness(t.band) * (u - z * e));
             gradient += (1.0 - z / length) * a + z / length * e.dot(a) * e;
             return kTaut * energy + 0.5 * a.dot(u - z * e);
         }
@@ -39,8 +38,7 @@ double energy_and_gradient(const Tether& t, const Vector3d& x, Vector3d& gradien
             return t.share * t.spring.energy(x);
         case Tether::Kind::kBar: {
             const Vector3d d = x - t.spring.anchor;
-            const double length = d.norm(), stretch = length - t.spring.rest_length,
-                         k = t.share * t.spring.k[0];
+            const double length = d.norm(), stretch = length - t.spring.rest_length, k = t.share * t.spring.k[0];
             gradient = length > 0.0 ? Vector3d(k * stretch / length * d) : Vector3d::Zero();
             return 0.5 * k * stretch * stretch;
         }
@@ -52,8 +50,8 @@ double energy_and_gradient(const Tether& t, const Vector3d& x, Vector3d& gradien
 
 }  // namespace
 
-void add_tether_gradient(const std::vector<Tether>& tethers, const double* theta, const double* x,
-                         double* gradient, double* energy, std::size_t stride, std::size_t lanes) noexcept {
+void add_tether_gradient(const std::vector<Tether>& tethers, const double* theta, const double* x, double* gradient,
+                         double* energy, std::size_t stride, std::size_t lanes) noexcept {
     for (const auto& t : tethers) {
         const auto theta_of = [&](std::size_t l) {
             return t.parameter < 0 ? 1.0 : theta[static_cast<std::size_t>(t.parameter) * stride + l];
@@ -71,10 +69,9 @@ void add_tether_gradient(const std::vector<Tether>& tethers, const double* theta
         for (std::size_t l = 0; l < lanes; ++l) {
             const double k = theta_of(l);
             Vector3d g = Vector3d::Zero();
-            energy[l] += k * energy_and_gradient(
-                                 t, {x[d * stride + l], x[(d + 1) * stride + l], x[(d + 2) * stride + l]}, g);
-            for (std::size_t a = 0; a < 3; ++a)
-                gradient[(d + a) * stride + l] += k * g(static_cast<Eigen::Index>(a));
+            energy[l] +=
+                k * energy_and_gradient(t, {x[d * stride + l], x[(d + 1) * stride + l], x[(d + 2) * stride + l]}, g);
+            for (std::size_t a = 0; a < 3; ++a) gradient[(d + a) * stride + l] += k * g(static_cast<Eigen::Index>(a));
         }
     }
 }

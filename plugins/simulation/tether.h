@@ -43,8 +43,8 @@ struct Tether {
 };
 
 /// Adds energy and gradient of all tethers for every lane; theta: parameter p of lane l at p * stride + l.
-void add_tether_gradient(const std::vector<Tether>& tethers, const double* theta, const double* x,
-                         double* gradient, double* energy, std::size_t stride, std::size_t lanes) noexcept;
+void add_tether_gradient(const std::vector<Tether>& tethers, const double* theta, const double* x, double* gradient,
+                         double* energy, std::size_t stride, std::size_t lanes) noexcept;
 
 /// Stiffness of one tether of a single node at theta = 1 with its node at x (3x3).
 Eigen::Matrix3d tether_stiffness(const Tether& tether, const Eigen::Vector3d& x) noexcept;
@@ -57,8 +57,7 @@ void for_stiffness_blocks(const Tether& tether, const Positions& x, Add&& add) n
     FanStiffness fan;
     fan_stiffness(tether.fan, x, fan);
     for (std::size_t i = 0; i < tether.num_nodes(); ++i)
-        for (std::size_t j = 0; j < tether.num_nodes(); ++j)
-            add(i, j, Eigen::Matrix3d(tether.share * fan.block(i, j)));
+        for (std::size_t j = 0; j < tether.num_nodes(); ++j) add(i, j, Eigen::Matrix3d(tether.share * fan.block(i, j)));
 }
 
 /// Adds the couplings between nodes of a tether.

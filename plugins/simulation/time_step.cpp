@@ -36,8 +36,8 @@ double TimeStepper::alpha_f() const {
                : 0.0;
 }
 
-EquilibriumReport TimeStepper::step(const ExternalActions& actions, double h, const double* theta,
-                                    double* state, std::size_t lanes) noexcept {
+EquilibriumReport TimeStepper::step(const ExternalActions& actions, double h, const double* theta, double* state,
+                                    std::size_t lanes) noexcept {
     const std::size_t stride = padded_lanes(lanes), size = 3 * system_.num_nodes() * stride;
     double* x = state;
     double* v = state + size;
@@ -77,18 +77,15 @@ EquilibriumReport TimeStepper::step(const ExternalActions& actions, double h, co
     }
     for (std::size_t i = 0; i < system_.num_nodes(); ++i)
         if (system_.parts().held[i])
-            std::copy_n(x + 3 * i * stride, 3 * stride,
-                        y_.begin() + static_cast<std::ptrdiff_t>(3 * i * stride));
+            std::copy_n(x + 3 * i * stride, 3 * stride, y_.begin() + static_cast<std::ptrdiff_t>(3 * i * stride));
 
     Inertia inertia{c, target_.data(), nullptr, 0};
     if (rK > 0.0) {
         damping_.coefficient = rK * v1;
         damping_.target = velocity_target_.data();
         for (std::size_t l = 0; l < lanes; ++l) {
-            for (std::size_t d = 0; d < 3 * system_.num_nodes(); ++d)
-                positions_.data()[d] = x[d * stride + l];
-            for (std::size_t p = 0; p < system_.parts().num_parameters; ++p)
-                theta_one_[p] = theta[p * stride + l];
+            for (std::size_t d = 0; d < 3 * system_.num_nodes(); ++d) positions_.data()[d] = x[d * stride + l];
+            for (std::size_t p = 0; p < system_.parts().num_parameters; ++p) theta_one_[p] = theta[p * stride + l];
             system_.tangent(actions, {}, 0, theta_one_.data(), positions_, damping_.values[l]);
         }
         inertia.damping = &damping_;

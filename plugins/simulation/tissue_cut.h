@@ -15,8 +15,8 @@ namespace teres {
 /// are not left either.
 std::vector<char> tissue_left(const TetMesh& mesh, std::span<const std::int32_t> cut, const std::vector<char>& holds);
 
-/// [loop] Takes the other tetrahedra out of mesh and system (linear tetrahedra; nothing else may look at them meanwhile):
-/// strain points, masses, ligaments and loads. Returns how many they are.
+/// [loop] Takes the other tetrahedra out of mesh and system (linear tetrahedra; nothing else may look at them
+/// meanwhile): strain points, masses, ligaments and loads. Returns how many they are.
 std::int32_t keep_tissue(const std::vector<char>& left, TetMesh& mesh, MechanicalSystem::Parts& parts) noexcept;
 
 /// [loop] Tethers of the parameter act on nothing any more.

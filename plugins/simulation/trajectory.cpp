@@ -18,14 +18,14 @@ using Eigen::VectorXd;
 
 namespace {
 
-constexpr double kDerivativeStep = 1e-3;  // of the way to the other hypothesis
-constexpr Eigen::Index kModes = 24;       // of a dynamic case
-constexpr std::size_t kCompliances = 8;   // frames at which the tangent is factorised
+constexpr double kDerivativeStep = 1e-3;     // of the way to the other hypothesis
+constexpr Eigen::Index kModes = 24;          // of a dynamic case
+constexpr std::size_t kCompliances = 8;      // frames at which the tangent is factorised
 constexpr Eigen::Index kProperMotions = 16;  // of a dynamic trajectory
 constexpr std::size_t kStaticFrames = 4;     // at which a change is followed statically
 constexpr double kNoMotion = 1e-12;          // m
-constexpr std::size_t kSolvedShare = 3;   // approximate(): one in so many frames is solved
-constexpr std::size_t kFewFrames = 24;    // ... of more than these
+constexpr std::size_t kSolvedShare = 3;      // approximate(): one in so many frames is solved
+constexpr std::size_t kFewFrames = 24;       // ... of more than these
 
 }  // namespace
 
@@ -37,8 +37,7 @@ Result<std::unique_ptr<Trajectory>> Trajectory::make(const Case& c, const Player
     return t;
 }
 
-void Trajectory::effect_candidate(std::size_t effect, std::size_t candidate,
-                                  std::span<double> values) const noexcept {
+void Trajectory::effect_candidate(std::size_t effect, std::size_t candidate, std::span<double> values) const noexcept {
     const auto& from = effects_[effect]->description().candidates[candidate];
     TERES_CHECK(values.size() == from.size());
     std::copy(from.begin(), from.end(), values.begin());
@@ -65,12 +64,11 @@ void Trajectory::start_base(const Hypothesis& h) {
     base_ = {};
     base_.theta.assign(h.theta.begin(), h.theta.end());
     for (const auto& e : h.effects) base_.values.emplace_back(e.values.begin(), e.values.end());
-    for (std::size_t e = 0; e < h.effects.size(); ++e)
-        base_.effects.push_back({h.effects[e].index, base_.values[e]});
+    for (std::size_t e = 0; e < h.effects.size(); ++e) base_.effects.push_back({h.effects[e].index, base_.values[e]});
 }
 
-TrajectoryReport Trajectory::simulate(const Hypothesis& h, std::span<double> markers_m,
-                                      std::span<double> points_m, std::span<double> nodes_m) noexcept {
+TrajectoryReport Trajectory::simulate(const Hypothesis& h, std::span<double> markers_m, std::span<double> points_m,
+                                      std::span<double> nodes_m) noexcept {
     whole_ = {};
     return play_all(h, markers_m, points_m, nodes_m, nullptr);
 }
@@ -91,8 +89,7 @@ TrajectoryReport Trajectory::play_all(const Hypothesis& h, std::span<double> mar
         if (!markers_m.empty()) model.observe(whole, markers_m.subspan(f * markers, markers), 1);
         if (!points_m.empty()) model.predict_points(whole, points_m.subspan(f * points, points));
         if (!nodes_m.empty())
-            std::copy_n(x, 3 * num_nodes(),
-                        nodes_m.begin() + static_cast<std::ptrdiff_t>(f * 3 * num_nodes()));
+            std::copy_n(x, 3 * num_nodes(), nodes_m.begin() + static_cast<std::ptrdiff_t>(f * 3 * num_nodes()));
     };
     // Frame to frame the body moves much as it did in the last trajectory.
     const auto guess = [&](std::size_t f, double* x) {
@@ -123,14 +120,14 @@ TrajectoryReport Trajectory::play_all(const Hypothesis& h, std::span<double> mar
 }
 
 // z_f(h) = z_f + (1 + a_f) dz_f + r_f about the last whole trajectory: dz first order at every frame; a and the rest r
-// known where frames are solved, interpolated between them. Nodes between them follow the interpolated change: good enough for the derivatives of first_order().
+// known where frames are solved, interpolated between them. Nodes between them follow the interpolated change: good
+// enough for the derivatives of first_order().
 TrajectoryReport Trajectory::approximate(const Hypothesis& h, std::span<double> markers_m) noexcept {
     CaseModel& model = player_->model();
     const std::size_t dofs = 3 * model.num_nodes(), F = num_frames();
     const auto rows = static_cast<Eigen::Index>(3 * num_markers()), frames = static_cast<Eigen::Index>(F);
     if (player_->scene().dynamic) return move_in_subspace(h, markers_m);
-    if (F <= kFewFrames || (base_.x.empty() && whole_.x.empty()))
-        return simulate(h, markers_m, {}, {});
+    if (F <= kFewFrames || (base_.x.empty() && whole_.x.empty())) return simulate(h, markers_m, {}, {});
     const std::vector<VectorXd> previous = base_.x;
     if (!whole_.x.empty()) base_ = std::move(whole_);
     MatrixXd change(rows, frames);
@@ -148,7 +145,8 @@ TrajectoryReport Trajectory::approximate(const Hypothesis& h, std::span<double> 
 
     const std::vector<std::int32_t> solved = frames_to_solve(change, F / kSolvedShare);
     const auto last_solved = [&](std::size_t f) {
-        return static_cast<std::size_t>(*(std::lower_bound(solved.begin(), solved.end(), static_cast<std::int32_t>(f)) - 1));
+        return static_cast<std::size_t>(
+            *(std::lower_bound(solved.begin(), solved.end(), static_cast<std::int32_t>(f)) - 1));
     };
     std::vector<double> whole(model.num_state(), 0.0);
     MatrixXd node_change = MatrixXd::Zero(static_cast<Eigen::Index>(dofs), static_cast<Eigen::Index>(solved.size())),
@@ -180,8 +178,8 @@ TrajectoryReport Trajectory::approximate(const Hypothesis& h, std::span<double> 
     return report;
 }
 
-// Columns whose span the motion under `h` hardly leaves: what the last whole trajectory did, modes, and what the change to
-// `h` does statically to it.
+// Columns whose span the motion under `h` hardly leaves: what the last whole trajectory did, modes, and what the change
+// to `h` does statically to it.
 MatrixXd Trajectory::motions_under(const Hypothesis& h) const {
     const auto& pattern = player_->model().system().pattern();
     const auto dofs = static_cast<Eigen::Index>(3 * num_nodes());
@@ -250,8 +248,8 @@ void Trajectory::gradient_of_rest(const ExternalActions& actions, std::size_t fr
     if (scene.dynamic)  // M (a + r_M v)
         for (Eigen::Index i = 0; i < scene.parts.node_mass_kg.size(); ++i)
             g.segment<3>(3 * i) +=
-                scene.parts.node_mass_kg(i) * (base_.a[frame].segment<3>(3 * i) +
-                                               scene.rayleigh_mass_1_s * base_.v[frame].segment<3>(3 * i));
+                scene.parts.node_mass_kg(i) *
+                (base_.a[frame].segment<3>(3 * i) + scene.rayleigh_mass_1_s * base_.v[frame].segment<3>(3 * i));
 }
 
 void Trajectory::enter_frame(const Hypothesis& h, std::size_t f, ViscousMemory& memory,
@@ -356,13 +354,11 @@ void Trajectory::change_of_gradient(const Hypothesis& h, const ExternalActions& 
     const Scene& scene = player_->scene();
     gradient_of_rest(actions, frame, dg);
     dg -= base.g_rest;
-    const bool same_theta =
-        std::equal(h.theta.begin(), h.theta.end(), base_.theta.begin(), base_.theta.end());
+    const bool same_theta = std::equal(h.theta.begin(), h.theta.end(), base_.theta.begin(), base_.theta.end());
     if (scene.ties_touched || base.ties_touched || !same_theta) {
         double energy = 0.0;
         dg -= base.g_ties;
-        add_tether_gradient(scene.parts.tethers, h.theta.data(), base_.x[frame].data(), dg.data(), &energy, 1,
-                            1);
+        add_tether_gradient(scene.parts.tethers, h.theta.data(), base_.x[frame].data(), dg.data(), &energy, 1, 1);
     }
     if (!scene.body_touched && !base.body_touched) return;
     const auto& sets = scene.parts.body.points();
@@ -388,8 +384,7 @@ void Trajectory::change_of_gradient(const Hypothesis& h, const ExternalActions& 
             S2 << S[0], S[3], S[4], S[3], S[1], S[5], S[4], S[5], S[2];
             const Matrix3d F = Eigen::Map<const Eigen::Matrix3f>(&state.F[9 * q]).cast<double>();
             const Matrix3d P = now.volume[q] * F * S2;
-            for (auto i = static_cast<std::size_t>(now.offset[q]);
-                 i < static_cast<std::size_t>(now.offset[q + 1]); ++i)
+            for (auto i = static_cast<std::size_t>(now.offset[q]); i < static_cast<std::size_t>(now.offset[q + 1]); ++i)
                 dg.segment<3>(3 * now.node[i]) += P * Eigen::Map<const Vector3d>(&now.gradient[3 * i]);
         }
     }
@@ -398,12 +393,10 @@ void Trajectory::change_of_gradient(const Hypothesis& h, const ExternalActions& 
 Trajectory::Point Trajectory::toward(const Hypothesis& other, double share) const {
     const auto between = [&](EffectTransform transform, double from, double to) {
         if (from == to) return from;
-        return transform == EffectTransform::kLog && from > 0.0 && to > 0.0
-                   ? from * std::pow(to / from, share)
-                   : from + share * (to - from);
+        return transform == EffectTransform::kLog && from > 0.0 && to > 0.0 ? from * std::pow(to / from, share)
+                                                                            : from + share * (to - from);
     };
-    const auto values_in = [](std::span<const EffectInstance> effects,
-                              std::size_t e) -> std::span<const double> {
+    const auto values_in = [](std::span<const EffectInstance> effects, std::size_t e) -> std::span<const double> {
         for (const auto& on : effects)
             if (static_cast<std::size_t>(on.index) == e) return on.values;
         return {};
@@ -418,8 +411,7 @@ Trajectory::Point Trajectory::toward(const Hypothesis& other, double share) cons
         auto& values = point.values.emplace_back();
         index.push_back(static_cast<std::int32_t>(e));
         const auto& parameters = effects_[e]->description().parameters;
-        for (std::size_t p = 0; p < parameters.size();
-             ++p) {  // an effect that is off: null amplitudes, the same shape
+        for (std::size_t p = 0; p < parameters.size(); ++p) {  // an effect that is off: null amplitudes, the same shape
             const bool amplitude = parameters[p].role == EffectRole::kAmplitude;
             const double a = !from.empty() ? from[p] : amplitude ? parameters[p].null_value : to[p];
             const double b = !to.empty() ? to[p] : amplitude ? parameters[p].null_value : from[p];
@@ -463,7 +455,8 @@ bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<doubl
         }
         if (scene.dynamic) {
             const VectorXd modal = base_.modal->modes().transpose() * force;
-            base_.modal->advance(motion[k], modal, player_->step_s(f), base.rayleigh_mass_1_s, base.rayleigh_stiffness_s);
+            base_.modal->advance(motion[k], modal, player_->step_s(f), base.rayleigh_mass_1_s,
+                                 base.rayleigh_stiffness_s);
             const VectorXd beyond = motion[k].q - modal.cwiseQuotient(base_.modal->omega().cwiseAbs2());
             dz += base_.modal_markers * beyond;
             if (with_points) dp += base_.modal_points * beyond;
@@ -503,8 +496,7 @@ void Trajectory::visit_changes(const std::vector<Point>& others, const ChangeVis
         gradient_of_rest(actions, f, base.g_rest);
         double energy = 0.0;
         base.g_ties.setZero(base.g_rest.size());
-        add_tether_gradient(scene.parts.tethers, h.theta.data(), base_.x[f].data(), base.g_ties.data(),
-                            &energy, 1, 1);
+        add_tether_gradient(scene.parts.tethers, h.theta.data(), base_.x[f].data(), base.g_ties.data(), &energy, 1, 1);
         for (std::size_t k = 0; k < others.size(); ++k) {
             enter_frame(others[k].hypothesis(), f, memory[k], actions);
             change_of_gradient(others[k].hypothesis(), actions, f, base, dg);
@@ -516,8 +508,7 @@ void Trajectory::visit_changes(const std::vector<Point>& others, const ChangeVis
 bool Trajectory::marker_compliance(std::int32_t node, std::span<double> out) const noexcept {
     const std::size_t M = 3 * num_markers();
     TERES_CHECK(out.size() == num_frames() * M * 3);
-    if (base_.x.empty() || player_->scene().dynamic || node < 0 ||
-        static_cast<std::size_t>(node) >= num_nodes())
+    if (base_.x.empty() || player_->scene().dynamic || node < 0 || static_cast<std::size_t>(node) >= num_nodes())
         return false;
     if (base_.frame.empty()) prepare_stresses();
     if (!base_.with_markers) prepare_compliances(false);
@@ -527,10 +518,10 @@ bool Trajectory::marker_compliance(std::int32_t node, std::span<double> out) con
     for (std::size_t f = 0; f < num_frames(); ++f)
         for (std::size_t r = 0; r < M; ++r)
             for (std::size_t b = 0; b < 3; ++b)
-                out[(f * M + r) * 3 + b] =
-                    row < 0 ? 0.0
-                            : base_.compliance[base_.nearest[f]].markers(static_cast<Eigen::Index>(r),
-                                                                         row + static_cast<Eigen::Index>(b));
+                out[(f * M + r) * 3 + b] = row < 0
+                                               ? 0.0
+                                               : base_.compliance[base_.nearest[f]].markers(
+                                                     static_cast<Eigen::Index>(r), row + static_cast<Eigen::Index>(b));
     return true;
 }
 
@@ -547,10 +538,8 @@ void Trajectory::add_variants(const Case& c, const PlayerSettings& settings) {
     add("nodal shear", [](Variant& v) { v.settings.model.shear_blend = 0.1; });
     add("element shear", [](Variant& v) { v.settings.model.shear_blend = 1.0; });
     const BodyLaw law = c.body.law;
-    if (law != BodyLaw::kNeoHookean)
-        add("neo-Hookean", [](Variant& v) { v.data.body.law = BodyLaw::kNeoHookean; });
-    if (law != BodyLaw::kStVK)
-        add("Saint Venant-Kirchhoff", [](Variant& v) { v.data.body.law = BodyLaw::kStVK; });
+    if (law != BodyLaw::kNeoHookean) add("neo-Hookean", [](Variant& v) { v.data.body.law = BodyLaw::kNeoHookean; });
+    if (law != BodyLaw::kStVK) add("Saint Venant-Kirchhoff", [](Variant& v) { v.data.body.law = BodyLaw::kStVK; });
     if (law == BodyLaw::kOgden)
         for (const double alpha : {-2.0, 4.0})
             add("Ogden alpha " + std::to_string(static_cast<int>(alpha)),

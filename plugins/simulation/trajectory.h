@@ -25,14 +25,11 @@ class Trajectory final : public TrajectoryModel {
     static Result<std::unique_ptr<Trajectory>> make(const Case& c, const PlayerSettings& settings);
 
     std::size_t num_effects() const noexcept override { return effects_.size(); }
-    EffectInfo effect(std::size_t index) const noexcept override {
-        return effects_[index]->description().info();
-    }
+    EffectInfo effect(std::size_t index) const noexcept override { return effects_[index]->description().info(); }
     EffectParameter effect_parameter(std::size_t effect, std::size_t parameter) const noexcept override {
         return effects_[effect]->description().parameters[parameter];
     }
-    void effect_candidate(std::size_t effect, std::size_t candidate,
-                          std::span<double> values) const noexcept override;
+    void effect_candidate(std::size_t effect, std::size_t candidate, std::span<double> values) const noexcept override;
 
     std::size_t num_parameters() const noexcept override { return player_->model().num_parameters(); }
     NominalParameter parameter(std::size_t index) const noexcept override;
@@ -41,19 +38,13 @@ class Trajectory final : public TrajectoryModel {
     bool dynamic() const noexcept override { return player_->scene().dynamic; }
     void set_horizon(std::size_t frames) noexcept override { horizon_ = dynamic() ? frames : 0; }
     std::size_t num_markers() const noexcept override { return player_->model().num_markers(); }
-    std::int32_t marker_id(std::size_t index) const noexcept override {
-        return player_->model().marker_id(index);
-    }
+    std::int32_t marker_id(std::size_t index) const noexcept override { return player_->model().marker_id(index); }
     std::size_t num_points() const noexcept override { return player_->model().num_points(); }
-    std::int32_t point_id(std::size_t index) const noexcept override {
-        return player_->model().point_id(index);
-    }
+    std::int32_t point_id(std::size_t index) const noexcept override { return player_->model().point_id(index); }
 
     std::size_t num_nodes() const noexcept override { return player_->model().mesh().num_nodes(); }
     void rest_positions(std::span<double> x_m) const noexcept override;
-    std::size_t num_surface_triangles() const noexcept override {
-        return player_->model().mesh().surface.size();
-    }
+    std::size_t num_surface_triangles() const noexcept override { return player_->model().mesh().surface.size(); }
     void surface_triangles(std::span<std::int32_t> node) const noexcept override;
 
     TrajectoryReport simulate(const Hypothesis& h, std::span<double> markers_m, std::span<double> points_m,
@@ -64,11 +55,8 @@ class Trajectory final : public TrajectoryModel {
     bool marker_compliance(std::int32_t node, std::span<double> out) const noexcept override;
 
     std::size_t num_variants() const noexcept override { return variants_.size(); }
-    const char* variant_name(std::size_t index) const noexcept override {
-        return variants_[index].name.c_str();
-    }
-    TrajectoryReport simulate_variant(std::size_t index, const Hypothesis& h,
-                                      std::span<const std::int32_t> frames,
+    const char* variant_name(std::size_t index) const noexcept override { return variants_[index].name.c_str(); }
+    TrajectoryReport simulate_variant(std::size_t index, const Hypothesis& h, std::span<const std::int32_t> frames,
                                       std::span<double> markers_m) noexcept override;
 
     ScenePlayer& player() { return *player_; }
@@ -122,7 +110,8 @@ class Trajectory final : public TrajectoryModel {
     Point toward(const Hypothesis& other, double share) const;
 
     Trajectory() = default;
-    using ChangeVisitor = std::function<void(std::size_t frame, std::size_t other, const Coefficients& base, const Eigen::VectorXd& dg)>;
+    using ChangeVisitor =
+        std::function<void(std::size_t frame, std::size_t other, const Coefficients& base, const Eigen::VectorXd& dg)>;
     void visit_changes(const std::vector<Point>& others, const ChangeVisitor& visit) const;
     TrajectoryReport play_all(const Hypothesis& h, std::span<double> markers_m, std::span<double> points_m,
                               std::span<double> nodes_m, SubspaceSolver* subspace);
@@ -135,8 +124,7 @@ class Trajectory final : public TrajectoryModel {
     bool factorise(const Hypothesis& h, const ExternalActions& actions, const Eigen::VectorXd& x,
                    Cholesky& factor) const;
     // The scene of a hypothesis at a frame of the base trajectory, with the memory it has there.
-    void enter_frame(const Hypothesis& h, std::size_t frame, ViscousMemory& memory,
-                     ExternalActions& actions) const;
+    void enter_frame(const Hypothesis& h, std::size_t frame, ViscousMemory& memory, ExternalActions& actions) const;
     void gradient_of_rest(const ExternalActions& actions, std::size_t frame, Eigen::VectorXd& g) const;
     void change_of_gradient(const Hypothesis& h, const ExternalActions& actions, std::size_t frame,
                             const Coefficients& base, Eigen::VectorXd& dg) const;

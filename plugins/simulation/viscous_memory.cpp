@@ -24,15 +24,14 @@ StepFactors factors(const ViscousBranch& branch, double h) {
 
 }  // namespace
 
-void elastic_stress(const StrainPoints& set, const Material& material, const double* x,
-                    std::vector<double>& S, std::vector<double>* psi_out, std::vector<double>* F_out) {
+void elastic_stress(const StrainPoints& set, const Material& material, const double* x, std::vector<double>& S,
+                    std::vector<double>* psi_out, std::vector<double>* F_out) {
     S.assign(6 * set.size(), 0.0);
     if (psi_out != nullptr) psi_out->assign(set.size(), 0.0);
     if (F_out != nullptr) F_out->assign(9 * set.size(), 0.0);
     for (std::size_t q = 0; q < set.size(); ++q) {
         Matrix3d F = Matrix3d::Zero(), P;
-        for (auto i = static_cast<std::size_t>(set.offset[q]);
-             i < static_cast<std::size_t>(set.offset[q + 1]); ++i)
+        for (auto i = static_cast<std::size_t>(set.offset[q]); i < static_cast<std::size_t>(set.offset[q + 1]); ++i)
             F.noalias() += Eigen::Map<const Vector3d>(x + 3 * set.node[i]) *
                            Eigen::Map<const Vector3d>(&set.gradient[3 * i]).transpose();
         double psi = 0.0;
@@ -48,7 +47,8 @@ void elastic_stress(const StrainPoints& set, const Material& material, const dou
     }
 }
 
-void ViscousMemory::enter_step(const std::vector<ViscousBranch>& branches, double h, std::vector<StrainPoints>& points) const {
+void ViscousMemory::enter_step(const std::vector<ViscousBranch>& branches, double h,
+                               std::vector<StrainPoints>& points) const {
     if (branches.empty()) return;
     std::size_t k = 0;
     for (auto& set : points) {
@@ -94,8 +94,7 @@ void ViscousMemory::finish_step(const std::vector<ViscousBranch>& branches, doub
     if (branches.empty()) return;
     std::vector<std::vector<double>> S;
     for (const auto& set : body.points())
-        if (set.part.shear != 0.0)
-            elastic_stress(set, body.material(), x, S.emplace_back(), nullptr, nullptr);
+        if (set.part.shear != 0.0) elastic_stress(set, body.material(), x, S.emplace_back(), nullptr, nullptr);
     std::vector<const std::vector<double>*> pointers;
     for (const auto& s : S) pointers.push_back(&s);
     finish_step(branches, h, pointers);

@@ -25,8 +25,8 @@ struct ViscousBranch {
 
 /// S_e of every point of a set at x (3N), 6 per point: xx yy zz xy xz yz [Pa], of the bare law with the set's
 /// weights; psi: its energy density, F: deformation gradient, 9 per point. Null outputs are not written.
-void elastic_stress(const StrainPoints& set, const Material& material, const double* x,
-                    std::vector<double>& S, std::vector<double>* psi, std::vector<double>* F);
+void elastic_stress(const StrainPoints& set, const Material& material, const double* x, std::vector<double>& S,
+                    std::vector<double>* psi, std::vector<double>* F);
 
 class ViscousMemory {
   public:

@@ -1,7 +1,7 @@
-// A RealSense D435 in user space for the kernel's own uvcvideo: USB/IP over a socket pair, one end of which vhci_hcd is given.
-// Depth (Z16) and colour (YUYV), 320x240 at 15 Hz, bulk, one payload per frame; extension unit 3 with its tables.
-// Usage (root, vhci_hcd loaded): simulated_camera [--usb2]. SIGUSR1: no frames until a hardware reset. Killing it is unplugging it.
-// Sources: kernel Documentation/usb/usbip_protocol.rst; USB 3.0, chapter 9; USB Video Class 1.1.
+// A RealSense D435 in user space for the kernel's own uvcvideo: USB/IP over a socket pair, one end of which vhci_hcd is
+// given. Depth (Z16) and colour (YUYV), 320x240 at 15 Hz, bulk, one payload per frame; extension unit 3 with its
+// tables. Usage (root, vhci_hcd loaded): simulated_camera [--usb2]. SIGUSR1: no frames until a hardware reset. Killing
+// it is unplugging it. Sources: kernel Documentation/usb/usbip_protocol.rst; USB 3.0, chapter 9; USB Video Class 1.1.
 #include <arpa/inet.h>
 #include <poll.h>
 #include <sys/socket.h>
@@ -38,7 +38,9 @@ struct Writer {
         for (const int value : values) bytes.push_back(static_cast<std::uint8_t>(value));
         return *this;
     }
-    Writer& u16(std::uint32_t value) { return u8({static_cast<int>(value & 0xff), static_cast<int>(value >> 8 & 0xff)}); }
+    Writer& u16(std::uint32_t value) {
+        return u8({static_cast<int>(value & 0xff), static_cast<int>(value >> 8 & 0xff)});
+    }
     Writer& u32(std::uint32_t value) { return u16(value & 0xffff).u16(value >> 16); }
     Writer& add(const Bytes& more) {
         bytes.insert(bytes.end(), more.begin(), more.end());
@@ -171,7 +173,8 @@ class Camera {
     int wait_ms() const {
         std::int64_t wait_us = 100'000;
         for (const Stream& stream : streams_)
-            if (!stream.urbs.empty()) wait_us = std::min(wait_us, std::max<std::int64_t>(0, stream.due_us - monotonic_us()));
+            if (!stream.urbs.empty())
+                wait_us = std::min(wait_us, std::max<std::int64_t>(0, stream.due_us - monotonic_us()));
         return frames_stopped != 0 ? 100 : static_cast<int>((wait_us + 999) / 1000);
     }
 
@@ -184,7 +187,8 @@ class Camera {
             const Stream::Urb urb = stream.urbs.front();
             stream.urbs.pop_front();
             const std::size_t size = std::min<std::size_t>(urb.bytes, stream.payload.size() - stream.sent);
-            answer(kSubmitted, urb.sequence, 0, static_cast<std::uint32_t>(size), std::span(stream.payload).subspan(stream.sent, size));
+            answer(kSubmitted, urb.sequence, 0, static_cast<std::uint32_t>(size),
+                   std::span(stream.payload).subspan(stream.sent, size));
             stream.sent += size;
         }
         if (stream.sent < stream.payload.size()) return;
@@ -195,9 +199,13 @@ class Camera {
     static void compose(Stream& stream) {
         constexpr int kEndOfFrame = 0x02, kPts = 0x04, kScr = 0x08, kEndOfHeader = 0x80;
         const std::uint32_t stamp = stream.frame * (kInterval100ns * 3);  // of a clock of 30 MHz
-        stream.payload = Writer()
-                             .u8({kPayloadHeader, static_cast<int>(stream.frame & 1) | kEndOfFrame | kPts | kScr | kEndOfHeader})
-                             .u32(stamp).u32(stamp).u16(0).bytes;
+        stream.payload =
+            Writer()
+                .u8({kPayloadHeader, static_cast<int>(stream.frame & 1) | kEndOfFrame | kPts | kScr | kEndOfHeader})
+                .u32(stamp)
+                .u32(stamp)
+                .u16(0)
+                .bytes;
         for (std::uint32_t i = 0; i < kFrameBytes / 2; ++i) {
             const std::uint32_t value = 500 + stream.frame + i % kWidth;
             stream.payload.push_back(static_cast<std::uint8_t>(value));
@@ -217,7 +225,15 @@ class Camera {
         return std::nullopt;
     }
 
-    enum { kSetCur = 0x01, kGetCur = 0x81, kGetMin = 0x82, kGetMax = 0x83, kGetRes = 0x84, kGetLen = 0x85, kGetInfo = 0x86 };
+    enum {
+        kSetCur = 0x01,
+        kGetCur = 0x81,
+        kGetMin = 0x82,
+        kGetMax = 0x83,
+        kGetRes = 0x84,
+        kGetLen = 0x85,
+        kGetInfo = 0x86
+    };
 
     std::optional<Bytes> video_control(int what, int selector, int entity, int interface, const Bytes& out) {
         for (const Stream& stream : streams_) {
@@ -225,8 +241,20 @@ class Camera {
                 if (what == kSetCur) return Bytes();
                 if (what == kGetLen) return Writer().u16(34).bytes;
                 if (what == kGetInfo) return Bytes{3};
-                return Writer().u16(1).u8({1, 1}).u32(kInterval100ns).u16(0).u16(0).u16(0).u16(0).u16(0)
-                    .u32(kFrameBytes).u32(kFrameBytes + kPayloadHeader).u32(30'000'000).u8({0, 0, 0, 0}).bytes;
+                return Writer()
+                    .u16(1)
+                    .u8({1, 1})
+                    .u32(kInterval100ns)
+                    .u16(0)
+                    .u16(0)
+                    .u16(0)
+                    .u16(0)
+                    .u16(0)
+                    .u32(kFrameBytes)
+                    .u32(kFrameBytes + kPayloadHeader)
+                    .u32(30'000'000)
+                    .u8({0, 0, 0, 0})
+                    .bytes;
             }
             if (interface == stream.control_interface && entity == 3 && stream.has_extension_unit)
                 return extension_unit(what, selector, out);
@@ -264,8 +292,15 @@ class Camera {
         constexpr int kDevice = 1, kConfiguration = 2, kString = 3, kQualifier = 6, kBos = 15;
         switch (type) {
             case kDevice:
-                return Writer().u8({18, kDevice}).u16(usb2_ ? 0x0200 : 0x0300).u8({0xef, 2, 1, usb2_ ? 64 : 9})
-                    .u16(0x8086).u16(0x0b07).u16(0x50da).u8({1, 2, 3, 1}).bytes;
+                return Writer()
+                    .u8({18, kDevice})
+                    .u16(usb2_ ? 0x0200 : 0x0300)
+                    .u8({0xef, 2, 1, usb2_ ? 64 : 9})
+                    .u16(0x8086)
+                    .u16(0x0b07)
+                    .u16(0x50da)
+                    .u8({1, 2, 3, 1})
+                    .bytes;
             case kConfiguration:
                 return configuration();
             case kString:
@@ -291,32 +326,53 @@ class Camera {
             const Bytes more = function(stream);
             functions.insert(functions.end(), more.begin(), more.end());
         }
-        return Writer().u8({9, 2}).u16(static_cast<std::uint32_t>(9 + functions.size())).u8({4, 1, 0, 0x80, 50}).add(functions).bytes;
+        return Writer()
+            .u8({9, 2})
+            .u16(static_cast<std::uint32_t>(9 + functions.size()))
+            .u8({4, 1, 0, 0x80, 50})
+            .add(functions)
+            .bytes;
     }
     Bytes function(const Stream& stream) const {
         constexpr int kClassSpecific = 0x24, kVideo = 0x0e;
-        const int control = stream.control_interface, streaming = stream.streaming_interface(), endpoint = 0x80 | stream.endpoint;
+        const int control = stream.control_interface, streaming = stream.streaming_interface(),
+                  endpoint = 0x80 | stream.endpoint;
         // Camera terminal 1 -> extension unit 3 -> output terminal 4.
         Writer chain;
         chain.u8({18, kClassSpecific, 2, 1}).u16(0x0201).u8({0, 0}).u16(0).u16(0).u16(0).u8({3, 0, 0, 0});
         if (stream.has_extension_unit)
-            chain.u8({27, kClassSpecific, 6, 3, 0xcb, 0x6c, 0x60, 0xc9, 0x4c, 0x59, 0x25, 0x4d, 0xaf, 0x47, 0xcc, 0xc4, 0x96, 0x43,
-                      0x59, 0x95, 16, 1, 1, 2, 0xff, 0x01, 0});
+            chain.u8({27,   kClassSpecific, 6,    3,    0xcb, 0x6c, 0x60, 0xc9, 0x4c, 0x59, 0x25, 0x4d, 0xaf, 0x47,
+                      0xcc, 0xc4,           0x96, 0x43, 0x59, 0x95, 16,   1,    1,    2,    0xff, 0x01, 0});
         chain.u8({9, kClassSpecific, 3, 4}).u16(0x0101).u8({0, stream.has_extension_unit ? 3 : 1, 0});
         // One uncompressed format of 16 bit, one size.
         Writer format;
-        format.u8({27, kClassSpecific, 4, 1, 1}).u8({stream.format[0], stream.format[1], stream.format[2], stream.format[3]})
-            .u8({0, 0, 0x10, 0, 0x80, 0, 0, 0xaa, 0, 0x38, 0x9b, 0x71}).u8({16, 1, 0, 0, 0, 0});
-        format.u8({30, kClassSpecific, 5, 1, 0}).u16(kWidth).u16(kHeight).u32(kFrameBytes * 8 * 15).u32(kFrameBytes * 8 * 15)
-            .u32(kFrameBytes).u32(kInterval100ns).u8({1}).u32(kInterval100ns);
+        format.u8({27, kClassSpecific, 4, 1, 1})
+            .u8({stream.format[0], stream.format[1], stream.format[2], stream.format[3]})
+            .u8({0, 0, 0x10, 0, 0x80, 0, 0, 0xaa, 0, 0x38, 0x9b, 0x71})
+            .u8({16, 1, 0, 0, 0, 0});
+        format.u8({30, kClassSpecific, 5, 1, 0})
+            .u16(kWidth)
+            .u16(kHeight)
+            .u32(kFrameBytes * 8 * 15)
+            .u32(kFrameBytes * 8 * 15)
+            .u32(kFrameBytes)
+            .u32(kInterval100ns)
+            .u8({1})
+            .u32(kInterval100ns);
         Writer writer;
         writer.u8({8, 11, control, 2, kVideo, 3, 0, 0});
         writer.u8({9, 4, control, 0, 0, kVideo, 1, 0, 0});
-        writer.u8({13, kClassSpecific, 1}).u16(0x0110).u16(static_cast<std::uint32_t>(13 + chain.bytes.size())).u32(30'000'000)
-            .u8({1, streaming}).add(chain.bytes);
+        writer.u8({13, kClassSpecific, 1})
+            .u16(0x0110)
+            .u16(static_cast<std::uint32_t>(13 + chain.bytes.size()))
+            .u32(30'000'000)
+            .u8({1, streaming})
+            .add(chain.bytes);
         writer.u8({9, 4, streaming, 0, 1, kVideo, 2, 0, 0});
-        writer.u8({14, kClassSpecific, 1, 1}).u16(static_cast<std::uint32_t>(14 + format.bytes.size()))
-            .u8({endpoint, 0, 4, 0, 0, 0, 1, 0}).add(format.bytes);
+        writer.u8({14, kClassSpecific, 1, 1})
+            .u16(static_cast<std::uint32_t>(14 + format.bytes.size()))
+            .u8({endpoint, 0, 4, 0, 0, 0, 1, 0})
+            .add(format.bytes);
         writer.u8({7, 5, endpoint, 2}).u16(usb2_ ? 512 : 1024).u8({0});
         if (!usb2_) writer.u8({6, 0x30, 0, 0, 0, 0});
         return writer.bytes;

@@ -54,8 +54,7 @@ struct Setup {
     ForwardReport step(double force_n) {
         const double force[3] = {0.5 * force_n, 0.2 * force_n, -force_n};
         return model->advance({0.0, 0.0, force, {}}, {theta.data(), static_cast<std::size_t>(theta.size())},
-                              {X.data(), static_cast<std::size_t>(X.size())},
-                              static_cast<std::size_t>(X.cols()));
+                              {X.data(), static_cast<std::size_t>(X.size())}, static_cast<std::size_t>(X.cols()));
     }
 };
 

@@ -1,6 +1,6 @@
-// Level 3: 640x480 colour and depth over the loopback bus at 30 and 60 Hz, and between two hosts (network namespaces, MTU 1500)
-// without and with loss of Ethernet frames: what is lost, how long it takes. Prints the tables of VALIDATION.md. Label `long`: a busy
-// machine would judge itself, not the bus.
+// Level 3: 640x480 colour and depth over the loopback bus at 30 and 60 Hz, and between two hosts (network namespaces,
+// MTU 1500) without and with loss of Ethernet frames: what is lost, how long it takes. Prints the tables of
+// VALIDATION.md. Label `long`: a busy machine would judge itself, not the bus.
 #include <gtest/gtest.h>
 
 #include <fcntl.h>
@@ -38,7 +38,9 @@ TEST(BusRate, ColorAndDepthAt30And60HzArriveWholeAndAll) {
     }
 }
 
-bool run(const std::string& command) { return std::system((command + " >/dev/null 2>&1").c_str()) == 0; }
+bool run(const std::string& command) {
+    return std::system((command + " >/dev/null 2>&1").c_str()) == 0;
+}
 
 // A second host: a thread in a network namespace of its own, joined to this one's by a virtual cable.
 class SecondHost {
@@ -90,8 +92,8 @@ class SecondHost {
 struct Link {
     const char* name;
     int rate_hz;
-    int one_lost_of;    // Ethernet frames; 0: none
-    bool tuned;         // reassembly as the package sets it
+    int one_lost_of;  // Ethernet frames; 0: none
+    bool tuned;       // reassembly as the package sets it
 };
 
 TEST(BusRate, BetweenTwoHostsSmallMessagesOutliveALossThatTakesImages) {
@@ -112,9 +114,10 @@ TEST(BusRate, BetweenTwoHostsSmallMessagesOutliveALossThatTakesImages) {
             if (link.tuned)
                 for (auto [key, value] : {std::pair{"ipfrag_time", 2}, {"ipfrag_high_thresh", 134'217'728}})
                     std::ofstream(std::string("/proc/sys/net/ipv4/") + key) << value;
-            return link.one_lost_of == 0 || run("nft 'add table netdev t' && nft 'add chain netdev t c { type filter hook ingress device far "
-                                                "priority 0; }' && nft add rule netdev t c numgen random mod " +
-                                                std::to_string(link.one_lost_of) + " '<' 1 drop");
+            return link.one_lost_of == 0 ||
+                   run("nft 'add table netdev t' && nft 'add chain netdev t c { type filter hook ingress device far "
+                       "priority 0; }' && nft add rule netdev t c numgen random mod " +
+                       std::to_string(link.one_lost_of) + " '<' 1 drop");
         });
         if (!set_up) GTEST_SKIP() << "SKIPPED LOUDLY: nft cannot drop frames here";
         const int pairs = kSeconds * link.rate_hz;
@@ -134,12 +137,15 @@ TEST(BusRate, BetweenTwoHostsSmallMessagesOutliveALossThatTakesImages) {
         // Frames of 1480 bytes, every one of which must arrive; a margin of four standard deviations.
         const auto lost_at_most = [&](std::size_t bytes, int count) {
             if (link.one_lost_of == 0) return 0.01 * count;
-            const double p = 1.0 - std::pow(1.0 - 1.0 / link.one_lost_of, std::ceil(static_cast<double>(bytes) / 1480.0));
+            const double p =
+                1.0 - std::pow(1.0 - 1.0 / link.one_lost_of, std::ceil(static_cast<double>(bytes) / 1480.0));
             return count * p + 4.0 * std::sqrt(count * p * (1.0 - p)) + 2.0;
         };
         EXPECT_LE(pairs - traffic.markers, lost_at_most(test::kMarkerBytes, pairs)) << link.name;
         if (link.tuned) {
-            EXPECT_LE(2 * pairs - traffic.images, lost_at_most(test::kColorBytes, pairs) + lost_at_most(test::kDepthBytes, pairs)) << link.name;
+            EXPECT_LE(2 * pairs - traffic.images,
+                      lost_at_most(test::kColorBytes, pairs) + lost_at_most(test::kDepthBytes, pairs))
+                << link.name;
         }
     }
 }

@@ -100,8 +100,7 @@ TEST(MemqBus, BoundsItsQueueAndLosesNothingItAccepted) {
 TEST(MemqBus, BoundsTheBytesThatWait) {
     Bus bus = open("memq://");
     std::size_t delivered = 0;
-    ASSERT_TRUE(
-        bus.subscribe("A", kMaxMessageBytes, [&](auto, auto data, auto) { delivered += data.size(); }));
+    ASSERT_TRUE(bus.subscribe("A", kMaxMessageBytes, [&](auto, auto data, auto) { delivered += data.size(); }));
     const Bytes large(kMaxMessageBytes);
     for (int i = 0; i < 4; ++i) EXPECT_TRUE(bus.publish("A", large));
     EXPECT_FALSE(bus.publish("A", kSmall));
@@ -213,8 +212,7 @@ class UdpmBus : public testing::Test {
 };
 
 TEST_F(UdpmBus, CarriesMessagesOfAnySizeBetweenTwoBuses) {
-    Bus from = open(test::kLoopbackUrl),
-        to = open(std::string(test::kLoopbackUrl) + "&recv_buf_size=2097152");
+    Bus from = open(test::kLoopbackUrl), to = open(std::string(test::kLoopbackUrl) + "&recv_buf_size=2097152");
     Listener listener;
     ASSERT_TRUE(to.subscribe("IMAGE|A", 2'000'000, listener.handler()));
     Bytes image(921'600);
@@ -238,8 +236,7 @@ TEST_F(UdpmBus, GuardsItsSocket) {
 
 Bytes short_packet(const std::string& channel, const Bytes& payload) {
     Bytes packet;
-    for (const int byte : {0x4c, 0x43, 0x30, 0x32, 0, 0, 0, 1})
-        packet.push_back(static_cast<std::uint8_t>(byte));
+    for (const int byte : {0x4c, 0x43, 0x30, 0x32, 0, 0, 0, 1}) packet.push_back(static_cast<std::uint8_t>(byte));
     packet.insert(packet.end(), channel.begin(), channel.end());
     packet.insert(packet.end(), payload.begin(), payload.end());
     return packet;
@@ -286,7 +283,7 @@ TEST_F(UdpmBus, SurvivesMalformedDatagrams) {
         fragment(6, 100, 0xfffffff0, 1, 3, ""),
         fragment(6, 100, 0xffffffff, 2, 3, ""),
         fragment(7, 100, 90, 1, 2, ""),
-        fragment(8, 100, 0, 0, 2, ""),                // channel not terminated
+        fragment(8, 100, 0, 0, 2, ""),  // channel not terminated
         fragment(9, 100, 0, 0, 2, std::string(200, 'A')),
     };
     // Cut anywhere, behind a whole one whose bytes liblcm still has in its buffer.
@@ -302,8 +299,7 @@ TEST_F(UdpmBus, SurvivesMalformedDatagrams) {
     group.sin_port = htons(7667);
     group.sin_addr.s_addr = htonl(test::kLcmGroupAddress);
     for (const Bytes& packet : packets)
-        ASSERT_EQ(sendto(sender, packet.data(), packet.size(), 0, reinterpret_cast<sockaddr*>(&group),
-                         sizeof group),
+        ASSERT_EQ(sendto(sender, packet.data(), packet.size(), 0, reinterpret_cast<sockaddr*>(&group), sizeof group),
                   static_cast<ssize_t>(packet.size()));
     const Bytes last = short_packet(a, kSmall);
     sendto(sender, last.data(), last.size(), 0, reinterpret_cast<sockaddr*>(&group), sizeof group);

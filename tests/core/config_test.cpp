@@ -93,10 +93,8 @@ TEST(Config, WrongTypeNamesTheTypeNeeded) {
               "phantom.toml:2: estimator.num_groups = 2.5 is not a whole number");
     EXPECT_EQ(resolve_error("[estimator]\nnum_groups = \"8\"\n"),
               "phantom.toml:2: estimator.num_groups = \"8\" is not a whole number");
-    EXPECT_EQ(resolve_error("[estimator]\nlaw = 3\n"),
-              "phantom.toml:2: estimator.law = 3 is not a text in quotes");
-    EXPECT_EQ(resolve_error("[estimator]\ngate = 1\n"),
-              "phantom.toml:2: estimator.gate = 1 is not true or false");
+    EXPECT_EQ(resolve_error("[estimator]\nlaw = 3\n"), "phantom.toml:2: estimator.law = 3 is not a text in quotes");
+    EXPECT_EQ(resolve_error("[estimator]\ngate = 1\n"), "phantom.toml:2: estimator.gate = 1 is not true or false");
     EXPECT_EQ(resolve_error("[estimator]\ngate = [1]\n"),
               "phantom.toml:2: estimator.gate = (array) is not true or false");
     EXPECT_EQ(resolve_error("[estimator]\n[estimator.gate]\nx = 1\n"),
@@ -108,8 +106,7 @@ TEST(Config, WrongTypeNamesTheTypeNeeded) {
 TEST(Config, MalformedFileNamesTheLine) {
     EXPECT_THAT(parse_error("[service]\nbus_url = \n"), testing::StartsWith("phantom.toml:2: "));
     EXPECT_THAT(parse_error("[service]\n[service]\n"), testing::StartsWith("phantom.toml:2: "));
-    EXPECT_THAT(parse_error("gain = 1\n"),
-                testing::StartsWith("phantom.toml:1: gain stands outside of a section"));
+    EXPECT_THAT(parse_error("gain = 1\n"), testing::StartsWith("phantom.toml:1: gain stands outside of a section"));
     EXPECT_THAT(parse_error("[service]\nbus_url = \"\xff\xfe\"\n"), testing::StartsWith("phantom.toml:2: "));
     EXPECT_THAT(parse_error(std::string(5000, '[')), testing::StartsWith("phantom.toml:1: "));
 }
@@ -122,9 +119,8 @@ TEST(Config, MissingFileIsAnError) {
 
 TEST(Config, RelativePathsFollowTheFile) {
     test::ScratchFolder scratch;
-    std::ofstream(scratch.path() / "a.toml")
-        << "[service]\ncase = \"cases/demo\"\nrecord_to = \"../out.lcm\"\n"
-           "[estimator]\natlas = \"atlas.csv\"\n";
+    std::ofstream(scratch.path() / "a.toml") << "[service]\ncase = \"cases/demo\"\nrecord_to = \"../out.lcm\"\n"
+                                                "[estimator]\natlas = \"atlas.csv\"\n";
     const auto config = Config::read(scratch.path() / "a.toml");
     ASSERT_TRUE(config) << config.error().text;
     EXPECT_EQ(config->service().case_folder, scratch.path() / "cases/demo");
@@ -138,8 +134,8 @@ TEST(Config, CaseOfServiceReachesUnitsThatDoNotSetTheirOwn) {
     const auto handed = parsed("[service]\ncase = \"demo\"\n").resolve("estimator", kEstimator);
     ASSERT_TRUE(handed);
     EXPECT_STREQ(handed->values[4].text, "/etc/teres/demo");
-    const auto own = parsed("[service]\ncase = \"demo\"\n[estimator]\ncase = \"/other\"\n")
-                         .resolve("estimator", kEstimator);
+    const auto own =
+        parsed("[service]\ncase = \"demo\"\n[estimator]\ncase = \"/other\"\n").resolve("estimator", kEstimator);
     ASSERT_TRUE(own);
     EXPECT_STREQ(own->values[4].text, "/other");
 }
@@ -166,8 +162,7 @@ TEST(Config, OverrideBeatsTheFileAndIsChecked) {
     ASSERT_TRUE(config.set("estimator.num_groups=ten"));
     EXPECT_EQ(config.resolve("estimator", kEstimator).error().text,
               "--set: estimator.num_groups = ten is not a whole number");
-    EXPECT_EQ(config.set("num_groups=3").error().text,
-              "--set num_groups=3: not of the form section.key=value");
+    EXPECT_EQ(config.set("num_groups=3").error().text, "--set num_groups=3: not of the form section.key=value");
     EXPECT_EQ(config.set("service.idle_wait_ms=1000").error().text,
               "--set: service.idle_wait_ms = 1000 is above the bound 100");
     EXPECT_EQ(config.service().idle_wait_ms, ServiceSettings{}.idle_wait_ms);

@@ -23,24 +23,21 @@ std::string text_of(const fs::path& file) {
 
 // Runs a shell command with its output in `log`.
 testing::AssertionResult runs(const std::string& command, const fs::path& log) {
-    if (std::system((command + " >>" + log.string() + " 2>&1").c_str()) == 0)
-        return testing::AssertionSuccess();
+    if (std::system((command + " >>" + log.string() + " 2>&1").c_str()) == 0) return testing::AssertionSuccess();
     return testing::AssertionFailure() << command << "\n" << text_of(log);
 }
 
 TEST(ExternalPlugin, BuildsAgainstInstalledHeadersAndSteps) {
     test::ScratchFolder scratch;
-    const fs::path log = scratch.path() / "log", prefix = scratch.path() / "prefix",
-                   build = scratch.path() / "build";
+    const fs::path log = scratch.path() / "log", prefix = scratch.path() / "prefix", build = scratch.path() / "build";
     const fs::path source = scratch.path() / "centroid";
     // Copied away, so that no relative path can reach into the tree.
     fs::copy(fs::path(std::getenv("TERES_SOURCE_DIR")) / "tests/core/external_plugin", source);
-    ASSERT_TRUE(runs("cmake --install " + std::string(std::getenv("TERES_BUILD_DIR")) +
-                         " --component sdk --prefix " + prefix.string(),
+    ASSERT_TRUE(runs("cmake --install " + std::string(std::getenv("TERES_BUILD_DIR")) + " --component sdk --prefix " +
+                         prefix.string(),
                      log));
-    ASSERT_TRUE(runs(
-        "cmake -S " + source.string() + " -B " + build.string() + " -DCMAKE_PREFIX_PATH=" + prefix.string(),
-        log));
+    ASSERT_TRUE(
+        runs("cmake -S " + source.string() + " -B " + build.string() + " -DCMAKE_PREFIX_PATH=" + prefix.string(), log));
     ASSERT_TRUE(runs("cmake --build " + build.string(), log));
     ASSERT_TRUE(runs("cmake --install " + build.string(), log));
     const std::string read_by_compiler = text_of(build / "CMakeFiles/teres_centroid.dir/centroid.cpp.o.d");
@@ -58,8 +55,8 @@ TEST(ExternalPlugin, BuildsAgainstInstalledHeadersAndSteps) {
     auto session = Session::open(*config);
     ASSERT_TRUE(session) << session.error().text;
     std::vector<double> x;
-    ASSERT_TRUE((*session)->subscribe<markers_t>(
-        "CENTROID", 1 << 16, [&](const markers_t& message) { x.push_back(message.x_m.at(0)); }));
+    ASSERT_TRUE((*session)->subscribe<markers_t>("CENTROID", 1 << 16,
+                                                 [&](const markers_t& message) { x.push_back(message.x_m.at(0)); }));
     ASSERT_TRUE((*session)->start());
     ASSERT_TRUE((*session)->run_until_finished());
     EXPECT_THAT(x, testing::ElementsAre(0.001, 0.002, 0.003, 0.004, 0.005));  // the ramp: 1 mm a frame

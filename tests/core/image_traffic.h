@@ -21,15 +21,18 @@ struct Traffic {
     std::vector<double> latency_ms;            // of images, sorted
 
     double percentile_ms(double p) const {
-        return latency_ms.empty() ? -1.0 : latency_ms[static_cast<std::size_t>(p * (static_cast<double>(latency_ms.size()) - 1.0))];
+        return latency_ms.empty()
+                   ? -1.0
+                   : latency_ms[static_cast<std::size_t>(p * (static_cast<double>(latency_ms.size()) - 1.0))];
     }
     void print(const std::string& name, int pairs) const {
-        std::printf("| %s | %d of %d | %d of %d | %.2f | %.2f | %.2f |\n", name.c_str(), 2 * pairs - images, 2 * pairs, pairs - markers,
-                    pairs, percentile_ms(0.5), percentile_ms(0.99), percentile_ms(1.0));
+        std::printf("| %s | %d of %d | %d of %d | %.2f | %.2f | %.2f |\n", name.c_str(), 2 * pairs - images, 2 * pairs,
+                    pairs - markers, pairs, percentile_ms(0.5), percentile_ms(0.99), percentile_ms(1.0));
         std::fflush(stdout);
     }
 };
-inline constexpr const char* kTrafficHeading = "| | images lost | small messages lost | p50 [ms] | p99 [ms] | max [ms] |\n|---|---|---|---|---|---|\n";
+inline constexpr const char* kTrafficHeading =
+    "| | images lost | small messages lost | p50 [ms] | p99 [ms] | max [ms] |\n|---|---|---|---|---|---|\n";
 
 /// A colour and a depth image, and a message of 1 kB, `rate_hz` times a second.
 inline void send_traffic(const std::string& url, int rate_hz, int pairs) {
@@ -39,7 +42,8 @@ inline void send_traffic(const std::string& url, int rate_hz, int pairs) {
     std::this_thread::sleep_for(std::chrono::milliseconds(300));  // until the receiver listens
     auto due = std::chrono::steady_clock::now();
     for (int i = 0; i < pairs; ++i) {
-        for (auto [message, channel] : {std::pair{&color, "CAMERA_COLOR"}, {&depth, "CAMERA_DEPTH"}, {&markers, "MARKERS"}}) {
+        for (auto [message, channel] :
+             {std::pair{&color, "CAMERA_COLOR"}, {&depth, "CAMERA_DEPTH"}, {&markers, "MARKERS"}}) {
             std::fill(message->begin(), message->end(), static_cast<std::uint8_t>(i));
             const std::int64_t now_us = monotonic_us();
             std::memcpy(message->data(), &now_us, sizeof now_us);

@@ -41,8 +41,7 @@ TEST(LoadBook, RefusesBadMessages) {
     const test::SpringModel model;
     LoadBook book(model);
     EXPECT_EQ(book.add(message(100, "F0", 1.0)), LoadBook::Entry::kTaken);
-    EXPECT_EQ(book.add(message(200, "F0", std::numeric_limits<double>::infinity())),
-              LoadBook::Entry::kNotFinite);
+    EXPECT_EQ(book.add(message(200, "F0", std::numeric_limits<double>::infinity())), LoadBook::Entry::kNotFinite);
     EXPECT_EQ(book.add(message(50, "F0", 3.0)), LoadBook::Entry::kOlderThanNewest);
     EXPECT_EQ(book.add(message(300, "F9", 3.0)), LoadBook::Entry::kTaken);
     EXPECT_EQ(book.num_unknown(), 1);

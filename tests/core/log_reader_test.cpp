@@ -26,12 +26,9 @@ Bytes event(std::int64_t number, std::int64_t stamp_us, const std::string& chann
     put(bytes, static_cast<std::uint64_t>(number), 8);
     put(bytes, static_cast<std::uint64_t>(stamp_us), 8);
     put(bytes,
-        static_cast<std::uint64_t>(channel_length == -100 ? static_cast<std::int64_t>(channel.size())
-                                                          : channel_length),
+        static_cast<std::uint64_t>(channel_length == -100 ? static_cast<std::int64_t>(channel.size()) : channel_length),
         4);
-    put(bytes,
-        static_cast<std::uint64_t>(data_length == -100 ? static_cast<std::int64_t>(data.size())
-                                                       : data_length),
+    put(bytes, static_cast<std::uint64_t>(data_length == -100 ? static_cast<std::int64_t>(data.size()) : data_length),
         4);
     bytes.insert(bytes.end(), channel.begin(), channel.end());
     bytes.insert(bytes.end(), data.begin(), data.end());
@@ -73,8 +70,7 @@ TEST_F(LogReaderTest, ReadsWhatLiblcmWrites) {
     std::string channel = "MARKERS";
     Bytes data = kData;
     for (int i = 0; i < 3; ++i) {
-        lcm_eventlog_event_t e{0,  1000 + i,       static_cast<std::int32_t>(channel.size()),
-                               10, channel.data(), data.data()};
+        lcm_eventlog_event_t e{0, 1000 + i, static_cast<std::int32_t>(channel.size()), 10, channel.data(), data.data()};
         ASSERT_EQ(lcm_eventlog_write_event(log, &e), 0);
     }
     lcm_eventlog_destroy(log);
@@ -149,8 +145,7 @@ TEST_F(LogReaderTest, SyncWordInsideDataIsData) {
 }
 
 TEST_F(LogReaderTest, TimeGoingBackwardsIsCounted) {
-    write(
-        {event(0, 5, "A", kData), event(1, 3, "A", kData), event(2, 4, "A", kData), event(3, 2, "A", kData)});
+    write({event(0, 5, "A", kData), event(1, 3, "A", kData), event(2, 4, "A", kData), event(3, 2, "A", kData)});
     EXPECT_EQ(read().size(), 4u);
     EXPECT_EQ(damage.backward_stamps, 2);
     EXPECT_NE(text.find("backwards 2 times"), std::string::npos);
@@ -171,8 +166,7 @@ TEST_F(LogReaderTest, RefusesWhatIsNoLog) {
     EXPECT_NE(LogReader::open(file()).error().text.find("No such file"), std::string::npos);
     write({});
     EXPECT_NE(LogReader::open(file()).error().text.find("empty"), std::string::npos);
-    EXPECT_NE(LogReader::open(file().parent_path()).error().text.find("not a regular file"),
-              std::string::npos);
+    EXPECT_NE(LogReader::open(file().parent_path()).error().text.find("not a regular file"), std::string::npos);
     write({Bytes(1000, 'x')});
     EXPECT_TRUE(read().empty());
     EXPECT_EQ(damage.skipped_bytes, 1000);

@@ -25,8 +25,7 @@ using Packet = std::vector<std::uint8_t>;
 template <class Message>
 Packet encoded(const Message& message) {
     Packet packet(static_cast<std::size_t>(message.getEncodedSize()));
-    EXPECT_EQ(message.encode(packet.data(), 0, static_cast<int>(packet.size())),
-              static_cast<int>(packet.size()));
+    EXPECT_EQ(message.encode(packet.data(), 0, static_cast<int>(packet.size())), static_cast<int>(packet.size()));
     return packet;
 }
 
@@ -138,16 +137,15 @@ TEST_P(HostileCount, IsRefusedAsLengthOfString) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Lengths, HostileCount,
-                         testing::Values(-1, -2, std::numeric_limits<std::int32_t>::min(), 0x7fffffff,
-                                         0x7ffffffe, 0x20000001, 0x10000000, 1000));
+                         testing::Values(-1, -2, std::numeric_limits<std::int32_t>::min(), 0x7fffffff, 0x7ffffffe,
+                                         0x20000001, 0x10000000, 1000));
 
 TEST(MessageDecoder, RefusesEveryTruncation) {
     const auto check = [](const auto& message) {
         const Packet whole = encoded(message);
         for (std::size_t size = 0; size < whole.size(); ++size) {
             std::decay_t<decltype(message)> out;
-            EXPECT_NO_THROW(
-                EXPECT_LT(decoded(Packet(whole.begin(), whole.begin() + static_cast<long>(size)), out), 0))
+            EXPECT_NO_THROW(EXPECT_LT(decoded(Packet(whole.begin(), whole.begin() + static_cast<long>(size)), out), 0))
                 << size;
         }
     };

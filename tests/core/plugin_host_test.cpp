@@ -56,10 +56,8 @@ TEST(PluginHost, EntryOfSdkIsReadableWithoutRunningCode) {
 }
 
 TEST(PluginHost, OtherMajorIsRefused) {
-    EXPECT_THAT(load_error("newer_major"),
-                HasSubstr("built for plugin API 2.0, this host offers 1.0; rebuild"));
-    EXPECT_THAT(load_error("older_major"),
-                HasSubstr("built for plugin API 0.0, this host offers 1.0; rebuild"));
+    EXPECT_THAT(load_error("newer_major"), HasSubstr("built for plugin API 2.0, this host offers 1.0; rebuild"));
+    EXPECT_THAT(load_error("older_major"), HasSubstr("built for plugin API 0.0, this host offers 1.0; rebuild"));
 }
 
 TEST(PluginHost, NewerMinorIsRefused) {
@@ -123,8 +121,7 @@ TEST(PluginHost, FileThatIsNoElfIsRefused) {
     std::ofstream(file) << "#!/bin/sh\necho no\n";
     EXPECT_EQ(load_plugin(file).error().text, file.string() + ": not an ELF shared object");
     std::ofstream(scratch.path() / "teres_empty.so");
-    EXPECT_THAT(load_plugin(scratch.path() / "teres_empty.so").error().text,
-                HasSubstr("not an ELF shared object"));
+    EXPECT_THAT(load_plugin(scratch.path() / "teres_empty.so").error().text, HasSubstr("not an ELF shared object"));
     EXPECT_THAT(load_plugin(scratch.path()).error().text, HasSubstr("not an ELF shared object"));
     EXPECT_THAT(load_plugin(scratch.path() / "none.so").error().text, HasSubstr("cannot be opened"));
     EXPECT_THAT(load_plugin("/proc/self/exe").error().text, HasSubstr("exports no symbol"));
@@ -156,11 +153,9 @@ TEST(PluginHost, DamagedElfFilesAreReadSafely) {
     for (int round = 0; round < 500; ++round) {
         std::string bytes = good;
         // Half of the changes in the ELF header and program headers, half in the section headers at the end.
-        const std::size_t from =
-            round % 2 == 0 ? 0 : bytes.size() - std::min<std::size_t>(bytes.size(), 2048);
+        const std::size_t from = round % 2 == 0 ? 0 : bytes.size() - std::min<std::size_t>(bytes.size(), 2048);
         for (int change = 0; change < 3; ++change)
-            bytes[from + random() % std::min<std::size_t>(bytes.size() - from, 2048)] =
-                static_cast<char>(random());
+            bytes[from + random() % std::min<std::size_t>(bytes.size() - from, 2048)] = static_cast<char>(random());
         try_bytes(bytes);
     }
     EXPECT_GT(refused, 10);

@@ -33,8 +33,8 @@ std::vector<Stored> read(const std::filesystem::path& file) {
     std::vector<Stored> events;
     LogEvent event;
     while (reader && reader->next(event))
-        events.push_back({std::string(event.channel), Bytes(event.data.begin(), event.data.end()),
-                          event.stamp_us, event.number});
+        events.push_back(
+            {std::string(event.channel), Bytes(event.data.begin(), event.data.end()), event.stamp_us, event.number});
     EXPECT_EQ(reader->damage_text(), "");
     return events;
 }
@@ -215,14 +215,13 @@ TEST_F(LcmTools, LogplayerPlaysOurLog) {
         Recorder recorder = open({.file = file()});
         for (int i = 0; i < 50; ++i)
             recorder.record(i % 2 != 0 ? "MARKERS" : "TOOL_LOADS",
-                            Bytes(static_cast<std::size_t>(i + 1), static_cast<std::uint8_t>(i)),
-                            1'000'000 + i * 1000);
+                            Bytes(static_cast<std::size_t>(i + 1), static_cast<std::uint8_t>(i)), 1'000'000 + i * 1000);
     }
     auto bus = Bus::open(test::kLoopbackUrl);
     ASSERT_TRUE(bus) << bus.error().text;
     std::vector<Stored> heard;
-    ASSERT_TRUE(bus->subscribe(
-        ".*", 1000, [&](std::string_view channel, std::span<const std::uint8_t> data, std::int64_t) {
+    ASSERT_TRUE(
+        bus->subscribe(".*", 1000, [&](std::string_view channel, std::span<const std::uint8_t> data, std::int64_t) {
             heard.push_back({std::string(channel), Bytes(data.begin(), data.end()), 0, 0});
         }));
     const pid_t player = start({"lcm-logplayer", url_, file()});
@@ -241,8 +240,7 @@ TEST_F(LcmTools, WeReadTheLogOfLcmLogger) {
     ASSERT_TRUE(bus) << bus.error().text;
     // The logger needs a moment to listen: knock until its file grows.
     std::error_code ignored;
-    for (int i = 0;
-         i < 300 && (!std::filesystem::exists(file()) || std::filesystem::file_size(file(), ignored) == 0);
+    for (int i = 0; i < 300 && (!std::filesystem::exists(file()) || std::filesystem::file_size(file(), ignored) == 0);
          ++i) {
         bus->publish("KNOCK", Bytes(5000));
         std::this_thread::sleep_for(10ms);
@@ -257,8 +255,7 @@ TEST_F(LcmTools, WeReadTheLogOfLcmLogger) {
     for (auto& event : read(file()))
         if (event.channel == "MARKERS") markers.push_back(std::move(event));
     ASSERT_EQ(markers.size(), 50u);
-    for (std::size_t i = 0; i < 50; ++i)
-        EXPECT_EQ(markers[i].data, Bytes(i + 1, static_cast<std::uint8_t>(i)));
+    for (std::size_t i = 0; i < 50; ++i) EXPECT_EQ(markers[i].data, Bytes(i + 1, static_cast<std::uint8_t>(i)));
     EXPECT_NEAR(static_cast<double>(markers[0].stamp_us) * 1e-6, static_cast<double>(time(nullptr)), 60.0);
 }
 

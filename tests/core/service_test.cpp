@@ -100,8 +100,8 @@ TEST(Service, EndsOnSigtermWithinOneWait) {
         kill(getpid(), SIGTERM);
     });
     const auto begin = std::chrono::steady_clock::now();
-    const Status status = run_service(
-        config_of("idle_wait_ms = 20\n", "[ramp]\nendless = true\nperiod_ms = 5\n"), signals.stop());
+    const Status status =
+        run_service(config_of("idle_wait_ms = 20\n", "[ramp]\nendless = true\nperiod_ms = 5\n"), signals.stop());
     const double took_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     sender.join();
     EXPECT_TRUE(status) << status.error().text;
@@ -116,8 +116,7 @@ TEST(Service, RunsOnAfterTheRecordingIfAsked) {
         kill(getpid(), SIGINT);
     });
     const auto begin = std::chrono::steady_clock::now();
-    EXPECT_TRUE(
-        run_service(config_of("stop_when_finished = false\n", "[ramp]\nframes = 5\n"), signals.stop()));
+    EXPECT_TRUE(run_service(config_of("stop_when_finished = false\n", "[ramp]\nframes = 5\n"), signals.stop()));
     sender.join();
     EXPECT_GE(std::chrono::steady_clock::now() - begin, std::chrono::milliseconds(390));
 }
@@ -182,8 +181,7 @@ TEST(Service, HealthComesWithItsPeriodAndTheLastWordIsRecorded) {
     std::vector<health_t> health;
     health_t message;
     for (LogEvent event; reader->next(event);)
-        if (event.channel == "HEALTH" &&
-            message.decode(event.data.data(), 0, static_cast<int>(event.data.size())) >= 0)
+        if (event.channel == "HEALTH" && message.decode(event.data.data(), 0, static_cast<int>(event.data.size())) >= 0)
             health.push_back(message);
     // One at once, one every 0.2 s of at least 1 s, one at the end; fewer when the machine is loaded.
     ASSERT_GE(health.size(), 4u);

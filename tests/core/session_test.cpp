@@ -21,8 +21,8 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 
 Config config_of(const std::string& drivers, const std::string& plugins, const std::string& rest = "") {
-    const std::string text = "[service]\nplugin_folder = \"" + test::plugin_folder().string() +
-                             "\"\ndrivers = [" + drivers + "]\nplugins = [" + plugins + "]\n" + rest;
+    const std::string text = "[service]\nplugin_folder = \"" + test::plugin_folder().string() + "\"\ndrivers = [" +
+                             drivers + "]\nplugins = [" + plugins + "]\n" + rest;
     auto config = Config::parse(text, "test.toml", "/nowhere");
     EXPECT_TRUE(config) << config.error().text;
     return *config;
@@ -88,8 +88,7 @@ TEST(Session, LifeHasItsOrder) {
 }
 
 TEST(Session, TextsReachEveryUnitOfALongList) {
-    auto session =
-        Session::open(config_of("\"ramp\"", "\"life\", \"echo\", \"thrower\"", "case = \"/cases/liver\"\n"));
+    auto session = Session::open(config_of("\"ramp\"", "\"life\", \"echo\", \"thrower\"", "case = \"/cases/liver\"\n"));
     ASSERT_TRUE(session) << session.error().text;
     ASSERT_TRUE((*session)->start());
     EXPECT_EQ((*session)->extension<test::Life>()->folder, "/cases/liver");
@@ -103,8 +102,8 @@ TEST(Session, UnitThatRefusesItsSettingsIsAnError) {
 TEST(Session, UnitThatCannotStartStopsTheOthers) {
     for (const auto& [where, text] :
          {std::pair{"start", "unit life: no such device"}, {"throw", "unit life: thrown on purpose"}}) {
-        auto session = Session::open(config_of("\"ramp\"", "\"echo\", \"life\"",
-                                               std::string("[life]\nfail_in = \"") + where + "\"\n"));
+        auto session = Session::open(
+            config_of("\"ramp\"", "\"echo\", \"life\"", std::string("[life]\nfail_in = \"") + where + "\"\n"));
         ASSERT_TRUE(session) << session.error().text;
         const Status started = (*session)->start();
         ASSERT_FALSE(started);
@@ -170,12 +169,12 @@ const channel_health_t* channel(const health_t& health, const std::string& name)
 }
 
 TEST(Session, HealthTellsTrafficDropsStepsAndMemory) {
-    auto session = Session::open(config_of(
-        "\"ramp\"", "\"echo\", \"life\"", "[ramp]\nframes = 40\nskip_every = 10\n[echo]\ndegraded = true\n"));
+    auto session = Session::open(
+        config_of("\"ramp\"", "\"echo\", \"life\"", "[ramp]\nframes = 40\nskip_every = 10\n[echo]\ndegraded = true\n"));
     ASSERT_TRUE(session) << session.error().text;
     std::vector<health_t> heard;
-    ASSERT_TRUE((*session)->subscribe<health_t>("HEALTH", 1 << 20,
-                                                [&](const health_t& message) { heard.push_back(message); }));
+    ASSERT_TRUE(
+        (*session)->subscribe<health_t>("HEALTH", 1 << 20, [&](const health_t& message) { heard.push_back(message); }));
     ASSERT_TRUE((*session)->start());
     ASSERT_TRUE((*session)->publish_health());
     EXPECT_EQ((*session)->health().units[0].state, "absent");
@@ -216,8 +215,8 @@ TEST(Session, RecordingOfAReplayIsTheSameEveryTime) {
     std::string logs[2];
     for (int run = 0; run < 2; ++run) {
         const auto file = scratch.path() / ("run" + std::to_string(run) + ".lcm");
-        auto session = Session::open(config_of(
-            "\"ramp\"", "\"echo\"", "record_to = \"" + file.string() + "\"\n[ramp]\nframes = 20\n"));
+        auto session = Session::open(
+            config_of("\"ramp\"", "\"echo\"", "record_to = \"" + file.string() + "\"\n[ramp]\nframes = 20\n"));
         ASSERT_TRUE(session) << session.error().text;
         ASSERT_TRUE((*session)->start());
         ASSERT_TRUE((*session)->run_until_finished());
@@ -233,11 +232,8 @@ TEST(Session, RecordingMayNotReplaceALogUnlessAsked) {
     test::ScratchFolder scratch;
     const auto file = scratch.path() / "old.lcm";
     std::ofstream(file) << "precious";
-    EXPECT_THAT(open_error(config_of("", "", "record_to = \"" + file.string() + "\"\n")),
-                HasSubstr("old.lcm"));
-    EXPECT_EQ(
-        open_error(config_of("", "", "record_to = \"" + file.string() + "\"\nrecord_overwrite = true\n")),
-        "");
+    EXPECT_THAT(open_error(config_of("", "", "record_to = \"" + file.string() + "\"\n")), HasSubstr("old.lcm"));
+    EXPECT_EQ(open_error(config_of("", "", "record_to = \"" + file.string() + "\"\nrecord_overwrite = true\n")), "");
 }
 
 }  // namespace

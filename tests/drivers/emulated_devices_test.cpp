@@ -1,5 +1,5 @@
-// Level 2: the built `teres run` against emulated devices (umockdev) with faults in mid-stream. What counts is what stands
-// in its recording.
+// Level 2: the built `teres run` against emulated devices (umockdev) with faults in mid-stream. What counts is what
+// stands in its recording.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
@@ -25,7 +25,9 @@ using test::EmulatedCamera;
 using test::EmulatedFootswitch;
 using testing::HasSubstr;
 
-void wait_s(double s) { std::this_thread::sleep_for(std::chrono::duration<double>(s)); }
+void wait_s(double s) {
+    std::this_thread::sleep_for(std::chrono::duration<double>(s));
+}
 
 // Waits for a condition, at most ten seconds: the machine may be busy.
 bool comes(const std::function<bool()>& condition) {

@@ -12,8 +12,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
                                                        {"region", CsvKind::kText},
                                                        {"node_id", CsvKind::kId},
                                                        {"x_m", CsvKind::kNumberOrNan}};
-    const auto table =
-        teres::CsvTable::parse({reinterpret_cast<const char*>(data), size}, "table.csv", columns);
+    const auto table = teres::CsvTable::parse({reinterpret_cast<const char*>(data), size}, "table.csv", columns);
     if (!table) {
         TERES_CHECK(table.error().text.rfind("table.csv:", 0) == 0);
         return 0;

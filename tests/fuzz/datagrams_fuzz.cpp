@@ -1,5 +1,6 @@
-// What anybody can send to the bus's port: raw datagrams, and heads of whole messages and of fragments with the fuzzer's numbers. In a
-// network namespace of its own; the bus must go on delivering. liblcm is not instrumented, its copies are checked by AddressSanitizer.
+// What anybody can send to the bus's port: raw datagrams, and heads of whole messages and of fragments with the
+// fuzzer's numbers. In a network namespace of its own; the bus must go on delivering. liblcm is not instrumented, its
+// copies are checked by AddressSanitizer.
 #include <arpa/inet.h>
 #include <sys/socket.h>
 
@@ -32,12 +33,15 @@ struct Victim {
         auto opened = teres::Bus::open(teres::test::kLoopbackUrl);
         TERES_CHECK(opened);
         bus = new teres::Bus(std::move(*opened));
-        TERES_CHECK(bus->subscribe(".*", 1000, [this](std::string_view channel, std::span<const std::uint8_t> data, auto) {
-            TERES_CHECK(data.size() <= 1000);
-            if (channel == "ALIVE") ++alive;
-        }));
+        TERES_CHECK(
+            bus->subscribe(".*", 1000, [this](std::string_view channel, std::span<const std::uint8_t> data, auto) {
+                TERES_CHECK(data.size() <= 1000);
+                if (channel == "ALIVE") ++alive;
+            }));
     }
-    void send(const Bytes& packet) { sendto(sender, packet.data(), packet.size(), 0, reinterpret_cast<sockaddr*>(&group), sizeof group); }
+    void send(const Bytes& packet) {
+        sendto(sender, packet.data(), packet.size(), 0, reinterpret_cast<sockaddr*>(&group), sizeof group);
+    }
 
     int sender = -1;
     sockaddr_in group{};

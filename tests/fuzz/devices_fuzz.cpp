@@ -43,7 +43,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         case 1: {
             const auto table = with_crc(rest);
             if (const auto model = realsense::parse_depth_table(table, 640, 480)) check(*model);
-            if (const auto baseline = realsense::parse_baseline_m(table)) TERES_CHECK(*baseline > 0.0 && *baseline < 1.0);
+            if (const auto baseline = realsense::parse_baseline_m(table))
+                TERES_CHECK(*baseline > 0.0 && *baseline < 1.0);
             break;
         }
         case 2:

@@ -28,8 +28,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
             for (const std::uint8_t b : event.data) sum += b;
         }
         const teres::LogDamage& damage = reader->damage();
-        const std::int64_t cut =
-            damage.truncated_at < 0 ? 0 : static_cast<std::int64_t>(size) - damage.truncated_at;
+        const std::int64_t cut = damage.truncated_at < 0 ? 0 : static_cast<std::int64_t>(size) - damage.truncated_at;
         if (used + damage.skipped_bytes + cut != static_cast<std::int64_t>(size)) std::abort();
         if (damage.none() != reader->damage_text().empty()) std::abort();
         volatile unsigned keep = sum;

@@ -30,8 +30,7 @@ template <class Message>
 void decode(const std::uint8_t* data, std::size_t size) {
     std::vector<std::uint8_t> packet(8 + size);
     const auto hash = static_cast<std::uint64_t>(Message::getHash());
-    for (int i = 0; i < 8; ++i)
-        packet[static_cast<std::size_t>(i)] = static_cast<std::uint8_t>(hash >> (56 - 8 * i));
+    for (int i = 0; i < 8; ++i) packet[static_cast<std::size_t>(i)] = static_cast<std::uint8_t>(hash >> (56 - 8 * i));
     if (size > 0) std::memcpy(packet.data() + 8, data, size);
     Message message{};
     const int used = message.decode(packet.data(), 0, static_cast<int>(packet.size()));

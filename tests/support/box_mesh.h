@@ -15,9 +15,7 @@ namespace teres::test {
 
 inline TetMeshData box_mesh(const Point& size_m, int nx, int ny, int nz, const Point& origin_m = {}) {
     TetMeshData mesh;
-    const auto id = [&](int i, int j, int k) {
-        return static_cast<std::int32_t>((k * (ny + 1) + j) * (nx + 1) + i);
-    };
+    const auto id = [&](int i, int j, int k) { return static_cast<std::int32_t>((k * (ny + 1) + j) * (nx + 1) + i); };
     for (int k = 0; k <= nz; ++k) {
         for (int j = 0; j <= ny; ++j) {
             for (int i = 0; i <= nx; ++i) {
@@ -38,8 +36,7 @@ inline TetMeshData box_mesh(const Point& size_m, int nx, int ny, int nz, const P
                         ++at[static_cast<std::size_t>(axes[static_cast<std::size_t>(step)])];
                         tet[static_cast<std::size_t>(step) + 1] = id(at[0], at[1], at[2]);
                     }
-                    sign =
-                        ((axes[0] > axes[1]) + (axes[0] > axes[2]) + (axes[1] > axes[2])) % 2 == 0 ? 1 : -1;
+                    sign = ((axes[0] > axes[1]) + (axes[0] > axes[2]) + (axes[1] > axes[2])) % 2 == 0 ? 1 : -1;
                     if (sign < 0) std::swap(tet[2], tet[3]);
                     mesh.tets.push_back(tet);
                 } while (std::next_permutation(axes.begin(), axes.end()));
@@ -61,8 +58,7 @@ inline std::vector<std::int32_t> nodes_on_plane(const TetMeshData& mesh, int axi
 }
 
 /// Boundary faces with all three nodes on the plane.
-inline std::vector<std::array<std::int32_t, 3>> faces_on_plane(const TetMeshData& mesh, int axis,
-                                                               double value) {
+inline std::vector<std::array<std::int32_t, 3>> faces_on_plane(const TetMeshData& mesh, int axis, double value) {
     std::vector<char> on(mesh.nodes.size(), 0);
     for (const std::int32_t id : nodes_on_plane(mesh, axis, value)) on[static_cast<std::size_t>(id)] = 1;
     std::vector<std::array<std::int32_t, 3>> faces;

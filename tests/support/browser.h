@@ -1,4 +1,5 @@
-// Headless Chromium, driven over its DevTools pipe: JSON texts, each ended by a zero byte, in on descriptor 3, out on 4.
+// Headless Chromium, driven over its DevTools pipe: JSON texts, each ended by a zero byte, in on descriptor 3, out
+// on 4.
 #pragma once
 
 #include <poll.h>
@@ -38,9 +39,16 @@ class Browser {
         posix_spawn_file_actions_adddup2(&files, child_in, 3);
         posix_spawn_file_actions_adddup2(&files, child_out, 4);
         posix_spawn_file_actions_addopen(&files, 2, "/dev/null", O_WRONLY, 0);
-        const std::vector<std::string> words{kProgram, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--no-first-run",
-                                             "--remote-debugging-pipe", "--user-data-dir=" + (scratch_.path() / "profile").string(),
-                                             "--window-size=" + std::to_string(width_px) + "," + std::to_string(height_px)};
+        const std::vector<std::string> words{
+            kProgram,
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--hide-scrollbars",
+            "--no-first-run",
+            "--remote-debugging-pipe",
+            "--user-data-dir=" + (scratch_.path() / "profile").string(),
+            "--window-size=" + std::to_string(width_px) + "," + std::to_string(height_px)};
         std::vector<char*> argv;
         for (const std::string& word : words) argv.push_back(const_cast<char*>(word.c_str()));
         argv.push_back(nullptr);
@@ -49,7 +57,8 @@ class Browser {
         close(child_in);
         close(child_out);
         const auto target = call("Target.createTarget", {{"url", url}});
-        const auto attached = call("Target.attachToTarget", {{"targetId", target.value("targetId", "")}, {"flatten", true}});
+        const auto attached =
+            call("Target.attachToTarget", {{"targetId", target.value("targetId", "")}, {"flatten", true}});
         session_ = attached.value("sessionId", "");
     }
     ~Browser() {
@@ -64,7 +73,8 @@ class Browser {
 
     /// Value of a JavaScript expression; null if it throws.
     nlohmann::json evaluate(const std::string& expression) {
-        return call("Runtime.evaluate", {{"expression", expression}, {"returnByValue", true}}).value("/result/value"_json_pointer, nlohmann::json());
+        return call("Runtime.evaluate", {{"expression", expression}, {"returnByValue", true}})
+            .value("/result/value"_json_pointer, nlohmann::json());
     }
     bool wait_until(const std::string& condition, double seconds = 10.0) {
         for (int i = 0; i < static_cast<int>(20.0 * seconds); ++i) {

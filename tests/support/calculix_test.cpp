@@ -29,8 +29,7 @@ struct Stretches {
 
 /// S = lambda tr(E) I + 2 mu E, lateral S = 0: E_t = -nu E_a, P = stretch E_Y E_a.
 Stretches stvk_under(double nominal_stress, double E, double nu) {
-    const double axial =
-        root([&](double l) { return l * E * 0.5 * (l * l - 1.0) - nominal_stress; }, 0.9, 3.0);
+    const double axial = root([&](double l) { return l * E * 0.5 * (l * l - 1.0) - nominal_stress; }, 0.9, 3.0);
     return {axial, std::sqrt(1.0 - nu * (axial * axial - 1.0))};
 }
 
@@ -38,15 +37,13 @@ Stretches stvk_under(double nominal_stress, double E, double nu) {
 Stretches ogden_under(double nominal_stress, double G, double alpha, double K) {
     const auto tau = [&](double axial, double lateral, bool along) {
         const double J = axial * lateral * lateral, iso = std::pow(J, -alpha / 3.0);
-        const double a = iso * std::pow(axial, alpha), t = iso * std::pow(lateral, alpha),
-                     mean = (a + 2.0 * t) / 3.0;
+        const double a = iso * std::pow(axial, alpha), t = iso * std::pow(lateral, alpha), mean = (a + 2.0 * t) / 3.0;
         return 2.0 * G / alpha * ((along ? a : t) - mean) + K * J * (J - 1.0);
     };
     const auto lateral_of = [&](double axial) {
         return root([&](double t) { return tau(axial, t, false); }, 0.3, 1.2);
     };
-    const double axial =
-        root([&](double l) { return tau(l, lateral_of(l), true) - nominal_stress * l; }, 0.9, 3.0);
+    const double axial = root([&](double l) { return tau(l, lateral_of(l), true) - nominal_stress * l; }, 0.9, 3.0);
     return {axial, lateral_of(axial)};
 }
 
@@ -72,8 +69,7 @@ void expect_homogeneous(const CalculixProblem& problem, const Stretches& truth) 
     ASSERT_TRUE(solution) << solution.error().text;
     double largest = 0.0, error = 0.0;
     for (std::size_t i = 0; i < problem.nodes.size(); ++i) {
-        const Point exact{(truth.axial - 1.0) * problem.nodes[i][0],
-                          (truth.lateral - 1.0) * problem.nodes[i][1],
+        const Point exact{(truth.axial - 1.0) * problem.nodes[i][0], (truth.lateral - 1.0) * problem.nodes[i][1],
                           (truth.lateral - 1.0) * problem.nodes[i][2]};
         for (std::size_t axis = 0; axis < 3; ++axis) {
             largest = std::max(largest, std::abs(exact[axis]));
@@ -98,10 +94,9 @@ TEST(Calculix, TensionOfOgdenMatchesClosedForm) {
     TERES_REQUIRE_CALCULIX();
     const TetMeshData mesh = box_mesh(kBlock, 2, 1, 1);
     CalculixProblem problem = tension(mesh, kBlock, 4000.0);
-    problem.material = {
-        .law = Law::kOgden, .youngs_modulus_pa = 21485.8, .poissons_ratio = 0.49, .alpha = 0.88};
-    expect_homogeneous(problem, ogden_under(4000.0, problem.material.shear_modulus_pa(), 0.88,
-                                            problem.material.bulk_modulus_pa()));
+    problem.material = {.law = Law::kOgden, .youngs_modulus_pa = 21485.8, .poissons_ratio = 0.49, .alpha = 0.88};
+    expect_homogeneous(
+        problem, ogden_under(4000.0, problem.material.shear_modulus_pa(), 0.88, problem.material.bulk_modulus_pa()));
 }
 
 TEST(Calculix, TensionOfNeoHookeanMatchesClosedForm) {
@@ -112,8 +107,8 @@ TEST(Calculix, TensionOfNeoHookeanMatchesClosedForm) {
         problem.quadratic = quadratic;
         problem.material = {.law = Law::kNeoHookean, .youngs_modulus_pa = 20000.0, .poissons_ratio = 0.4};
         // The neo-Hookean law is Ogden's with alpha = 2.
-        expect_homogeneous(problem, ogden_under(4000.0, problem.material.shear_modulus_pa(), 2.0,
-                                                problem.material.bulk_modulus_pa()));
+        expect_homogeneous(
+            problem, ogden_under(4000.0, problem.material.shear_modulus_pa(), 2.0, problem.material.bulk_modulus_pa()));
     }
 }
 
@@ -137,8 +132,8 @@ TEST(Calculix, CantileverTipMatchesTimoshenko) {
     const auto solution = solve_with_calculix(problem, scratch.path());
     ASSERT_TRUE(solution) << solution.error().text;
     const double inertia = size[1] * height * height * height / 12.0;
-    const double truth = force * std::pow(size[0], 3) / (3.0 * 1e6 * inertia) +
-                         force * size[0] / (5.0 / 6.0 * 0.5e6 * section);
+    const double truth =
+        force * std::pow(size[0], 3) / (3.0 * 1e6 * inertia) + force * size[0] / (5.0 / 6.0 * 0.5e6 * section);
     double tip = 0.0;
     const auto tip_nodes = nodes_on_plane(mesh, 0, size[0]);
     for (const std::int32_t id : tip_nodes)
@@ -155,8 +150,7 @@ TEST(Calculix, HangingColumnMatchesClosedForm) {
     CalculixProblem problem;
     problem.nodes = mesh.nodes;
     problem.tets = mesh.tets;
-    problem.material = {
-        .law = Law::kLinear, .youngs_modulus_pa = 1e5, .poissons_ratio = 0.0, .density_kg_m3 = 1060.0};
+    problem.material = {.law = Law::kLinear, .youngs_modulus_pa = 1e5, .poissons_ratio = 0.0, .density_kg_m3 = 1060.0};
     problem.large_displacements = false;
     problem.clamped = nodes_on_plane(mesh, 2, size[2]);
     problem.gravity_m_s2 = {0.0, 0.0, -9.81};
@@ -182,8 +176,7 @@ TEST(Calculix, ReadsFortranNumbers) {
     EXPECT_DOUBLE_EQ(rows->at(11)[1], -0.07);
     EXPECT_DOUBLE_EQ(rows->at(11)[2], 2e102);
     EXPECT_FALSE(last_block(dat, "forces"));
-    EXPECT_FALSE(
-        last_block("\n displacements x\n\n         1  ************************  0.0\n", "displacements"));
+    EXPECT_FALSE(last_block("\n displacements x\n\n         1  ************************  0.0\n", "displacements"));
 }
 
 TEST(Calculix, ReportsItsOwnFailure) {

@@ -1,5 +1,6 @@
 // Devices for an unmodified program, by umockdev: a V4L2 depth camera with RealSense's extension unit and a USB
-// footswitch. The test runs below umockdev-wrapper and starts the program as a child; faults are switched on from the test.
+// footswitch. The test runs below umockdev-wrapper and starts the program as a child; faults are switched on from the
+// test.
 #pragma once
 
 #include <linux/usb/video.h>
@@ -64,8 +65,11 @@ class EmulatedCamera {
         usb_path_ = "/sys" + usb;
         node_ = "/dev/" + name;
         video_path_ = usb_path_ + "/2-1:1.0/video4linux/" + name;
-        add("P: " + usb + "\nN: bus/usb/002/007\nE: SUBSYSTEM=usb\nE: DEVTYPE=usb_device\nE: DEVNAME=/dev/bus/usb/002/007\n"
-            "E: BUSNUM=002\nE: DEVNUM=007\nA: serial=" + serial + "\\n\nA: idVendor=8086\\n\nA: idProduct=0b07\\n\n"
+        add("P: " + usb +
+            "\nN: bus/usb/002/007\nE: SUBSYSTEM=usb\nE: DEVTYPE=usb_device\nE: DEVNAME=/dev/bus/usb/002/007\n"
+            "E: BUSNUM=002\nE: DEVNUM=007\nA: serial=" +
+            serial +
+            "\\n\nA: idVendor=8086\\n\nA: idProduct=0b07\\n\n"
             "A: speed=5000\\n\nA: busnum=2\\n\nA: devnum=7\\n\n");
         add("P: " + usb + "/2-1:1.0/video4linux/" + name + "\nN: " + name + "=00\nE: DEVNAME=" + node_ +
             "\nE: SUBSYSTEM=video4linux\nA: name=Emulated depth camera\\n\n");
@@ -245,7 +249,8 @@ class EmulatedCamera {
         if (method_ == V4L2_MEMORY_MMAP) {
             std::vector<std::uint8_t> frame(kFrameBytes);
             fill(frame.data(), frame.size());
-            if (pwrite(backing_, frame.data(), frame.size(), static_cast<off_t>(buffer.index * kOffset)) < 0) return EIO;
+            if (pwrite(backing_, frame.data(), frame.size(), static_cast<off_t>(buffer.index * kOffset)) < 0)
+                return EIO;
         } else {
             UMockdevIoctlData* memory_of_user =
                 umockdev_ioctl_data_resolve(data, offsetof(v4l2_buffer, m.userptr), kFrameBytes, nullptr);
@@ -312,14 +317,21 @@ class EmulatedFootswitch {
 
     void plug() {
         // device, configuration, interface (HID), HID, interrupt endpoint 0x81 of 8 bytes
-        const std::string descriptors = "12011001000000" "08F305FF00200101020001" "09022200010100" "8032"
-                                        "090400000103000000" "092110010001221F00" "0705810308000A";
+        const std::string descriptors =
+            "12011001000000"
+            "08F305FF00200101020001"
+            "09022200010100"
+            "8032"
+            "090400000103000000"
+            "092110010001221F00"
+            "0705810308000A";
         const std::string text =
             "P: /devices/pci0000:00/0000:00:14.0/usb1/1-2\nN: bus/usb/001/004\nE: DEVNAME=/dev/bus/usb/001/004\n"
             "E: DEVTYPE=usb_device\nE: SUBSYSTEM=usb\nE: BUSNUM=001\nE: DEVNUM=004\nE: MAJOR=189\nE: MINOR=3\n"
             "E: PRODUCT=5f3/ff/120\nA: busnum=1\\n\nA: devnum=4\\n\nA: speed=12\\n\nA: bConfigurationValue=1\\n\n"
             "A: bNumConfigurations= 1\\n\nA: idVendor=05f3\\n\nA: idProduct=00ff\\n\nA: bNumInterfaces= 1\\n\n"
-            "H: descriptors=" + descriptors + "\n";
+            "H: descriptors=" +
+            descriptors + "\n";
         GError* error = nullptr;
         {
             const std::lock_guard lock(mutex_);
@@ -385,7 +397,8 @@ class EmulatedFootswitch {
         switch (request) {
             case static_cast<unsigned>(USBDEVFS_GET_CAPABILITIES): {
                 UMockdevIoctlData* data = umockdev_ioctl_data_resolve(argument, 0, 4, nullptr);
-                *reinterpret_cast<std::uint32_t*>(data->data) = USBDEVFS_CAP_ZERO_PACKET | USBDEVFS_CAP_BULK_CONTINUATION;
+                *reinterpret_cast<std::uint32_t*>(data->data) =
+                    USBDEVFS_CAP_ZERO_PACKET | USBDEVFS_CAP_BULK_CONTINUATION;
                 return 0;
             }
             case static_cast<unsigned>(USBDEVFS_CLAIMINTERFACE):

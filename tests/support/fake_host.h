@@ -28,8 +28,7 @@ class FakeHost {
         host_.log = [](void* self, std::int32_t, const char*, const char* text) {
             static_cast<FakeHost*>(self)->log_text += std::string(text) + "\n";
         };
-        host_.publish = [](void* self, const char* channel, const void* data,
-                           std::size_t size) -> std::int32_t {
+        host_.publish = [](void* self, const char* channel, const void* data, std::size_t size) -> std::int32_t {
             auto& host = *static_cast<FakeHost*>(self);
             if (host.refuse > 0 && host.refuse-- > 0) return -1;
             const auto* bytes = static_cast<const std::uint8_t*>(data);
@@ -65,8 +64,8 @@ class HostedForTest {
   public:
     HostedForTest(const std::string& id, FakeHost& host) {
         const char* build = std::getenv("TERES_BUILD_DIR");
-        const std::string file = std::string(build != nullptr ? build : "build/release") +
-                                 "/lib/teres/plugins/teres_" + id + ".so";
+        const std::string file =
+            std::string(build != nullptr ? build : "build/release") + "/lib/teres/plugins/teres_" + id + ".so";
         void* library = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
         EXPECT_NE(library, nullptr) << dlerror();
         const auto* entry = static_cast<const teres_plugin_entry_t*>(dlsym(library, "teres_plugin_entry"));
@@ -80,8 +79,7 @@ class HostedForTest {
     /// Empty on success, else the error text.
     std::string configure(const std::vector<teres_setting_value>& values) {
         char error[1024] = "";
-        return factory_->configure(self_, values.data(), values.size(), error, sizeof error) == 0 ? ""
-                                                                                                  : error;
+        return factory_->configure(self_, values.data(), values.size(), error, sizeof error) == 0 ? "" : error;
     }
     std::string start() {
         char error[1024] = "";

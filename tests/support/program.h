@@ -21,8 +21,7 @@ extern char** environ;
 namespace teres::test {
 
 struct Run {
-    int exit_code =
-        -1;  ///< 128 + signal if the program was killed by one (a crash), -1 if it could not be started
+    int exit_code = -1;  ///< 128 + signal if the program was killed by one (a crash), -1 if it could not be started
     std::string output, error;
 };
 

@@ -32,9 +32,8 @@ class SpringModel final : public ForwardModel {
     std::size_t num_state() const override { return 3 * nodes_; }
     std::size_t num_parameters() const override { return nodes_; }
     ForwardParameter parameter(std::size_t i) const override {
-        return {
-            names_[i].c_str(), "N/m", kMedian, kLogStdev, 0.0, 0.0, std::numeric_limits<double>::infinity(),
-            kThreshold};
+        return {names_[i].c_str(), "N/m", kMedian, kLogStdev, 0.0, 0.0, std::numeric_limits<double>::infinity(),
+                kThreshold};
     }
     std::size_t num_attachment_nodes() const override { return 2 * nodes_; }
     AttachmentNode attachment_node(std::size_t n) const override {

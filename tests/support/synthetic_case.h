@@ -22,8 +22,7 @@ inline TetMeshData block_mesh(const Point& size_m, const std::array<int, 3>& cel
         for (int j = 0; j <= ny; ++j)
             for (int k = 0; k <= nz; ++k)
                 mesh.nodes.push_back({size_m[0] * i / nx, size_m[1] * j / ny, size_m[2] * k / nz});
-    const std::array<std::array<int, 3>, 6> orders{
-        {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}}};
+    const std::array<std::array<int, 3>, 6> orders{{{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}}};
     for (int i = 0; i < nx; ++i)
         for (int j = 0; j < ny; ++j)
             for (int k = 0; k < nz; ++k)
@@ -49,8 +48,8 @@ struct BlockOptions {
     int frames = 5;
     double dt_s = 0.1;
     bool quasi_static = true;
-    Point full_force_n{
-        0.0, 0.0, -0.1};  ///< on region "tip", grows linearly from 0 at the first to full at the last frame
+    Point full_force_n{0.0, 0.0,
+                       -0.1};  ///< on region "tip", grows linearly from 0 at the first to full at the last frame
     /// Where a material point (rest position) is at time t; observations and truth follow it. Default: at
     /// rest.
     std::function<Point(const Point& rest_m, double t_s)> motion{};
@@ -84,14 +83,11 @@ inline Case clamped_block(const BlockOptions& options = {}) {
 
     // nodes of the far face, weighted by a third of the area of their triangles
     std::vector<double> weight(c.mesh.nodes.size(), 0.0);
-    const auto position = [&](std::int32_t id) -> const Point& {
-        return c.mesh.nodes[static_cast<std::size_t>(id)];
-    };
+    const auto position = [&](std::int32_t id) -> const Point& { return c.mesh.nodes[static_cast<std::size_t>(id)]; };
     const Surface surface(c.mesh);
     for (const auto& [a, b, d] : surface.triangles()) {
         if (position(a)[0] != far_m || position(b)[0] != far_m || position(d)[0] != far_m) continue;
-        const double area =
-            0.5 * norm(cross(minus(position(b), position(a)), minus(position(d), position(a))));
+        const double area = 0.5 * norm(cross(minus(position(b), position(a)), minus(position(d), position(a))));
         for (const std::int32_t id : {a, b, d})
             weight[static_cast<std::size_t>(id)] += area / 3.0 / (options.size_m[1] * options.size_m[2]);
     }
@@ -106,8 +102,7 @@ inline Case clamped_block(const BlockOptions& options = {}) {
         for (const double y : {0.25, 0.75}) {
             const auto id = static_cast<std::int32_t>(c.markers.size());
             c.markers.push_back({id, {x * options.size_m[0], y * options.size_m[1], options.size_m[2]}});
-            c.validation_rest.push_back(
-                {id, {x * options.size_m[0], y * options.size_m[1], 0.4 * options.size_m[2]}});
+            c.validation_rest.push_back({id, {x * options.size_m[0], y * options.size_m[1], 0.4 * options.size_m[2]}});
         }
     for (int frame = 0; frame < options.frames; ++frame) {
         const double t_s = frame * options.dt_s;
@@ -115,8 +110,7 @@ inline Case clamped_block(const BlockOptions& options = {}) {
         c.loads.push_back({t_s, 0, times(share, options.full_force_n)});
         for (const MarkerRest& marker : c.markers)
             c.observations.push_back(
-                {t_s, marker.id,
-                 options.motion ? options.motion(marker.position_m, t_s) : marker.position_m});
+                {t_s, marker.id, options.motion ? options.motion(marker.position_m, t_s) : marker.position_m});
     }
     return c;
 }
@@ -127,8 +121,7 @@ inline std::vector<PositionSample> block_truth(const Case& c, const BlockOptions
     for (int frame = 0; frame < c.num_frames; ++frame)
         for (const MarkerRest& point : c.validation_rest) {
             const double t_s = frame * c.dt_s;
-            truth.push_back(
-                {t_s, point.id, options.motion ? options.motion(point.position_m, t_s) : point.position_m});
+            truth.push_back({t_s, point.id, options.motion ? options.motion(point.position_m, t_s) : point.position_m});
         }
     return truth;
 }

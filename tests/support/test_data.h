@@ -14,7 +14,8 @@ inline std::filesystem::path data_folder() {
     const char* given = std::getenv("TERES_TEST_DATA");
     if (given != nullptr && *given != '\0') return given;
     const char* source = std::getenv("TERES_SOURCE_DIR");
-    const std::filesystem::path beside = std::filesystem::path(source != nullptr ? source : ".") / ".." / "shared" / "data";
+    const std::filesystem::path beside =
+        std::filesystem::path(source != nullptr ? source : ".") / ".." / "shared" / "data";
     return std::filesystem::exists(beside) ? std::filesystem::weakly_canonical(beside) : std::filesystem::path{};
 }
 
@@ -40,8 +41,8 @@ class ScratchFolder {
 }  // namespace teres::test
 
 /// Skips loudly when the independent data is not on this machine.
-#define TERES_REQUIRE_DATA(variable, relative)                                                              \
-    const std::filesystem::path variable = teres::test::data_folder() / (relative);                          \
-    if (teres::test::data_folder().empty() || !std::filesystem::exists(variable))                            \
-    GTEST_SKIP() << "SKIPPED LOUDLY: independent data '" << (relative)                                      \
+#define TERES_REQUIRE_DATA(variable, relative)                                      \
+    const std::filesystem::path variable = teres::test::data_folder() / (relative); \
+    if (teres::test::data_folder().empty() || !std::filesystem::exists(variable))   \
+    GTEST_SKIP() << "SKIPPED LOUDLY: independent data '" << (relative)              \
                  << "' not found; set TERES_TEST_DATA to the folder that holds it"

@@ -1,9 +1,9 @@
 // A body with a closed-form motion and four mechanical and three sensor effects, for tests of the gap diagnosis.
 // Markers lie on a square plate; each of two loads bends the plate around its place and works against a support:
 //
-//     u_m(t) = sum_j A_mj f_j(t) (1/k_j + 1/(s E)),   A_mj = d_j exp(-|x_m - p_j|^2 / w^2)        k_j: nominal parameters
-//     stiffness: s    gravity: g C_m, C_m grows along x    unknown_load: F exp(-|x_m - c|^2/w^2) / E from the onset on
-//     material_law: b |u|^2 u
+//     u_m(t) = sum_j A_mj f_j(t) (1/k_j + 1/(s E)),   A_mj = d_j exp(-|x_m - p_j|^2 / w^2)        k_j: nominal
+//     parameters stiffness: s    gravity: g C_m, C_m grows along x    unknown_load: F exp(-|x_m - c|^2/w^2) / E from
+//     the onset on material_law: b |u|^2 u
 //
 // "Variants" bend 3 % less or are a little stiffer on one side.
 #pragma once
@@ -35,11 +35,16 @@ class ToyBody final : public TrajectoryModel {
     std::size_t num_effects() const noexcept override { return 5; }
     EffectInfo effect(std::size_t e) const noexcept override {
         switch (e) {
-            case kStiffness: return {"stiffness", "mechanics", "load response", "modulus", "test", nullptr, 1, 1, false};
-            case kGravity: return {"gravity", "load", "constant", "tilt", "test", nullptr, 3, 1, false};
-            case kUnknownLoad: return {"unknown_load", "load", "unknown_load", "another tool", "test", nullptr, 6, 36, true};
-            case kMaterialLaw: return {"material_law", "mechanics", "load response", "law", "test", nullptr, 1, 1, false};
-            default: return {"cut", "mechanics", "cut", "cut", "test", "nothing can be cut here", 1, 1, true};
+            case kStiffness:
+                return {"stiffness", "mechanics", "load response", "modulus", "test", nullptr, 1, 1, false};
+            case kGravity:
+                return {"gravity", "load", "constant", "tilt", "test", nullptr, 3, 1, false};
+            case kUnknownLoad:
+                return {"unknown_load", "load", "unknown_load", "another tool", "test", nullptr, 6, 36, true};
+            case kMaterialLaw:
+                return {"material_law", "mechanics", "load response", "law", "test", nullptr, 1, 1, false};
+            default:
+                return {"cut", "mechanics", "cut", "cut", "test", "nothing can be cut here", 1, 1, true};
         }
     }
     EffectParameter effect_parameter(std::size_t e, std::size_t p) const noexcept override {
@@ -50,8 +55,7 @@ class ToyBody final : public TrajectoryModel {
         if (e == kMaterialLaw) return {"beta", "1/m^2", amplitude, plain, 0.0, 0.0, 400.0, -5e3, 5e3};
         if (e == kCut) return {"cut", "1", amplitude, plain, 0.0, 0.0, 1.0, 0.0, 1.0};
         static constexpr const char* kNames[] = {"force_x", "force_y", "force_z", "center_x", "center_y", "onset"};
-        if (e == kGravity || p < 3)
-            return {kNames[p], "N", amplitude, plain, 0.0, 0.0, 0.4, -10.0, 10.0};
+        if (e == kGravity || p < 3) return {kNames[p], "N", amplitude, plain, 0.0, 0.0, 0.4, -10.0, 10.0};
         if (p < 5) return {kNames[p], "m", shape, plain, 0.0, 0.06, 0.05, -0.05, 0.2};
         return {kNames[p], "s", shape, plain, 0.0, 6.0, 12.0, 0.0, 12.0};
     }
@@ -109,8 +113,10 @@ class ToyBody final : public TrajectoryModel {
             if (e.index == kGravity) g = {v[0], v[1], v[2]};
             if (e.index == kUnknownLoad) F = {v[0], v[1], v[2]}, cx = v[3], cy = v[4], onset = v[5];
         }
-        static const std::array<Eigen::Vector3d, 2> place{Eigen::Vector3d(0.02, 0.02, 0), Eigen::Vector3d(0.1, 0.08, 0)};
-        static const std::array<Eigen::Vector3d, 2> direction{Eigen::Vector3d(0.2, 0.1, -1), Eigen::Vector3d(-0.5, 0.6, -0.7)};
+        static const std::array<Eigen::Vector3d, 2> place{Eigen::Vector3d(0.02, 0.02, 0),
+                                                          Eigen::Vector3d(0.1, 0.08, 0)};
+        static const std::array<Eigen::Vector3d, 2> direction{Eigen::Vector3d(0.2, 0.1, -1),
+                                                              Eigen::Vector3d(-0.5, 0.6, -0.7)};
         std::vector<double> out(3 * kToyMarkers * kToyFrames);
         for (std::size_t f = 0; f < kToyFrames; ++f)
             for (std::size_t m = 0; m < kToyMarkers; ++m) {
@@ -118,19 +124,23 @@ class ToyBody final : public TrajectoryModel {
                 const Eigen::Vector3d x = toy_marker(m);
                 Eigen::Vector3d u = Eigen::Vector3d::Zero();
                 for (std::size_t j = 0; j < 2; ++j) {
-                    const double load = std::max(0.0, std::sin((j == 0 ? 1.3 : 0.8) * t + 2.0 * static_cast<double>(j)));
+                    const double load =
+                        std::max(0.0, std::sin((j == 0 ? 1.3 : 0.8) * t + 2.0 * static_cast<double>(j)));
                     const double near = std::exp(-(x - place[j]).squaredNorm() / (kToyWidth * kToyWidth));
-                    u += direction[j] * load * (0.3 / (h.theta.empty() ? kKnown[j] : h.theta[j]) + near / (scale * kToyE));
+                    u += direction[j] * load *
+                         (0.3 / (h.theta.empty() ? kKnown[j] : h.theta[j]) + near / (scale * kToyE));
                 }
                 u += g * (x.x() + 0.02) / (4.0 * scale * kToyE * 0.1);
                 if (t >= onset) {
-                    const double near = std::exp(-((x.x() - cx) * (x.x() - cx) + (x.y() - cy) * (x.y() - cy)) / (kToyWidth * kToyWidth));
+                    const double near = std::exp(-((x.x() - cx) * (x.x() - cx) + (x.y() - cy) * (x.y() - cy)) /
+                                                 (kToyWidth * kToyWidth));
                     u += F * near / (scale * kToyE);
                 }
                 u += beta * u.squaredNorm() * u;
                 u *= bend * (1.0 + side * (x.x() - 0.06));
                 for (std::size_t a = 0; a < 3; ++a)
-                    out[3 * (f * kToyMarkers + m) + a] = x(static_cast<Eigen::Index>(a)) + u(static_cast<Eigen::Index>(a));
+                    out[3 * (f * kToyMarkers + m) + a] =
+                        x(static_cast<Eigen::Index>(a)) + u(static_cast<Eigen::Index>(a));
             }
         return out;
     }
@@ -144,10 +154,12 @@ class ToyBody final : public TrajectoryModel {
         const auto frames = static_cast<std::int32_t>(kToyFrames);
         return {frames, converges ? frames : 0, 0.0};
     }
-    bool first_order(std::span<const Hypothesis> others, std::span<double> markers, std::span<double>) noexcept override {
+    bool first_order(std::span<const Hypothesis> others, std::span<double> markers,
+                     std::span<double>) noexcept override {
         for (std::size_t k = 0; k < others.size(); ++k) {
             const auto other = motion(others[k]);
-            for (std::size_t row = 0; row < base_.size(); ++row) markers[k * base_.size() + row] = other[row] - base_[row];
+            for (std::size_t row = 0; row < base_.size(); ++row)
+                markers[k * base_.size() + row] = other[row] - base_[row];
         }
         return true;
     }
@@ -186,12 +198,21 @@ class ToyCamera final : public ObservationModel {
     EffectInfo effect(std::size_t e) const noexcept override {
         if (e == kRegistration) return {"registration", "sensor", "constant", "rigid", "test", nullptr, 3, 1, false};
         if (e == kMarkerSlip)
-            return {"marker_slip", "sensor", "marker_slip", "slip", "test", nullptr, 5, static_cast<std::int32_t>(4 * kToyMarkers), true};
+            return {"marker_slip",
+                    "sensor",
+                    "marker_slip",
+                    "slip",
+                    "test",
+                    nullptr,
+                    5,
+                    static_cast<std::int32_t>(4 * kToyMarkers),
+                    true};
         return {"noise", "sensor", "noise", "noise", "test", nullptr, 1, 1, false};
     }
     EffectParameter effect_parameter(std::size_t e, std::size_t p) const noexcept override {
         const auto plain = EffectTransform::kIdentity;
-        if (e == kNoise) return {"factor", "1", EffectRole::kAmplitude, EffectTransform::kLog, 1.0, 0.0, 0.7, 0.1, 30.0};
+        if (e == kNoise)
+            return {"factor", "1", EffectRole::kAmplitude, EffectTransform::kLog, 1.0, 0.0, 0.7, 0.1, 30.0};
         static constexpr const char* kNames[] = {"shift_x", "shift_y", "shift_z", "marker", "onset"};
         if (p < 3) return {kNames[p], "m", EffectRole::kAmplitude, plain, 0.0, 0.0, 0.005, -0.1, 0.1};
         if (p == 3) return {kNames[p], "1", EffectRole::kShape, plain, 0.0, 6.0, 12.0, 0.0, kToyMarkers - 1.0};
@@ -203,7 +224,8 @@ class ToyCamera final : public ObservationModel {
             return;
         }
         v[0] = v[1] = v[2] = 0.005;
-        if (e == kMarkerSlip) v[3] = static_cast<double>(c % kToyMarkers), v[4] = 3.0 * static_cast<double>(c / kToyMarkers);
+        if (e == kMarkerSlip)
+            v[3] = static_cast<double>(c % kToyMarkers), v[4] = 3.0 * static_cast<double>(c / kToyMarkers);
     }
     void observe(std::span<const EffectInstance> effects, std::span<const double> time_s, std::span<const double> truth,
                  std::span<double> seen) const noexcept override {

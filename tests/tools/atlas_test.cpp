@@ -66,8 +66,7 @@ TEST(ClosestPointSearch, EqualsTheSearchOfAllTriangles) {
             for (int a = 0; a <= 8; ++a)
                 for (int b = 0; a + b <= 8; ++b)
                     best = std::min(
-                        best, (query -
-                               (a * s.corner(f, 0) + b * s.corner(f, 1) + (8 - a - b) * s.corner(f, 2)) / 8.0)
+                        best, (query - (a * s.corner(f, 0) + b * s.corner(f, 1) + (8 - a - b) * s.corner(f, 2)) / 8.0)
                                   .norm());
         const double found = search.closest(query).distance;
         EXPECT_LE(found, best + 1e-12);
@@ -86,14 +85,12 @@ TEST(TriangleSurface, SimplifiedStaysClosedAndKeepsItsVolume) {
 TEST(TriangleSurface, DefectsAreNamed) {
     TriangleSurface open = octahedron(0.1);
     open.F.pop_back();
-    EXPECT_THAT(check_closed(open, "liver.obj", 1e-3).error().text,
-                HasSubstr("open: 1 hole(s), 3 border edges"));
+    EXPECT_THAT(check_closed(open, "liver.obj", 1e-3).error().text, HasSubstr("open: 1 hole(s), 3 border edges"));
     TriangleSurface two = octahedron(0.1);
     two.V.conservativeResize(3, 12);
     two.V.rightCols(6) = two.V.leftCols(6).colwise() + Vector3d(1.0, 0.0, 0.0);
     for (std::size_t f = 0; f < 8; ++f) two.F.push_back({two.F[f][0] + 6, two.F[f][1] + 6, two.F[f][2] + 6});
-    EXPECT_THAT(check_closed(two, "liver.obj", 1e-3).error().text,
-                HasSubstr("2 components of 8, 8 triangles"));
+    EXPECT_THAT(check_closed(two, "liver.obj", 1e-3).error().text, HasSubstr("2 components of 8, 8 triangles"));
     TriangleSurface flipped = octahedron(0.1);
     std::swap(flipped.F[0][0], flipped.F[0][1]);
     EXPECT_THAT(check_closed(flipped, "liver.obj", 1e-3).error().text, HasSubstr("flipped"));
@@ -107,9 +104,8 @@ TEST(TriangleSurface, DefectsAreNamed) {
 
 TEST(SurfaceReader, FormatsAgree) {
     const test::ScratchFolder scratch;
-    ASSERT_TRUE(
-        write_text_file(scratch.path() / "a.obj",
-                        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1/1/1 2 4\nf -2 -1 -3\nf 1 4 3\n"));
+    ASSERT_TRUE(write_text_file(scratch.path() / "a.obj",
+                                "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1/1/1 2 4\nf -2 -1 -3\nf 1 4 3\n"));
     ASSERT_TRUE(write_text_file(
         scratch.path() / "a.ply",
         "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
@@ -126,8 +122,7 @@ TEST(SurfaceReader, FormatsAgree) {
         stl += "facet normal 0 0 0\nouter loop\n";
         for (int k = 0; k < 3; ++k) {
             const Vector3d c = 1e3 * obj->corner(f, k);
-            stl += "vertex " + std::to_string(c[0]) + " " + std::to_string(c[1]) + " " +
-                   std::to_string(c[2]) + "\n";
+            stl += "vertex " + std::to_string(c[0]) + " " + std::to_string(c[1]) + " " + std::to_string(c[2]) + "\n";
         }
         stl += "endloop\nendfacet\n";
     }
@@ -189,7 +184,8 @@ TEST(AnnotatedLivers, AnnotationsOffTheSurfaceAreNamed) {
     ASSERT_TRUE(good) << good.error().text;
     EXPECT_EQ(good->front().nodes.at("falciform"), (std::vector<std::int32_t>{0, 2}));
     // 0 and 1 are opposite corners
-    EXPECT_THAT(read("ligament,0,2\nligament,0,1\n").error().text, HasSubstr("a.csv:3: annotation off the surface: 0-1"));
+    EXPECT_THAT(read("ligament,0,2\nligament,0,1\n").error().text,
+                HasSubstr("a.csv:3: annotation off the surface: 0-1"));
     EXPECT_THAT(read("ligament,0,77\n").error().text, HasSubstr("annotation off the surface: 0-77"));
 }
 

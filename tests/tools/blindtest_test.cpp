@@ -40,7 +40,8 @@ TEST(Random, IsSplitMix64) {
 TEST(LatticeMesher, FillsABall) {
     const double radius = 0.05;
     const auto ball = [&](const Point& p) { return norm(p) - radius; };
-    const TetMeshData mesh = mesh_level_set(ball, {{-0.06, -0.06, -0.06}, {0.06, 0.06, 0.06}, 0.014, {0.0, 0.6, 0.8}, 0.4});
+    const TetMeshData mesh =
+        mesh_level_set(ball, {{-0.06, -0.06, -0.06}, {0.06, 0.06, 0.06}, 0.014, {0.0, 0.6, 0.8}, 0.4});
     EXPECT_TRUE(check_body_mesh(mesh, "ball"));
     double volume = 0.0, worst = 1.0;
     for (std::size_t t = 0; t < mesh.tets.size(); ++t) {
@@ -160,12 +161,14 @@ TEST(SensorEffects, AreWhatTheySay) {
     {
         SensorState s = before;  // a steady motion lags by velocity x latency
         const EffectTruth truth = draw_sensor("latency", random, c, s);
-        EXPECT_NEAR(before.seen[8][2][0] - s.seen[8][2][0], 0.001 / c.dt_s * truth.parameters["latency_s"].get<double>(), 1e-9);
+        EXPECT_NEAR(before.seen[8][2][0] - s.seen[8][2][0],
+                    0.001 / c.dt_s * truth.parameters["latency_s"].get<double>(), 1e-9);
     }
     {
         SensorState s = before;  // markers stay on their rays
         draw_sensor("depth_scale", random, c, s);
-        const Point a = minus(s.seen[3][1], *c.sensor.camera_position_m), b = minus(before.seen[3][1], *c.sensor.camera_position_m);
+        const Point a = minus(s.seen[3][1], *c.sensor.camera_position_m),
+                    b = minus(before.seen[3][1], *c.sensor.camera_position_m);
         EXPECT_LT(norm(cross(a, b)), 1e-12);
         EXPECT_GT(std::abs(norm(a) - norm(b)), 5e-4);
     }
@@ -183,8 +186,9 @@ TEST(SensorEffects, AreWhatTheySay) {
 }
 
 std::string gap_json(const std::string& causes, double unknown, double none, double gap = 1.0) {
-    return R"({"format":"teres-gap-1","gap":{"rms_mm":)" + std::to_string(gap) + R"(},"where":{"center_m":[0.01,0,0],"onset_s":null},"causes":[)" +
-           causes + R"(],"unknown_probability":)" + std::to_string(unknown) + R"(,"none_probability":)" + std::to_string(none) +
+    return R"({"format":"teres-gap-1","gap":{"rms_mm":)" + std::to_string(gap) +
+           R"(},"where":{"center_m":[0.01,0,0],"onset_s":null},"causes":[)" + causes + R"(],"unknown_probability":)" +
+           std::to_string(unknown) + R"(,"none_probability":)" + std::to_string(none) +
            R"(,"shrinkage":{"fraction":0.8,"ci95":[0.7,0.9]}})";
 }
 std::string cause(const std::string& ids, double probability) {
@@ -192,7 +196,8 @@ std::string cause(const std::string& ids, double probability) {
 }
 
 TEST(Scoring, ReadsTheContract) {
-    const auto answer = parse_answer(gap_json(cause(R"("pressure")", 0.2) + "," + cause(R"("latency","gravity")", 0.5), 0.2, 0.1), "f");
+    const auto answer =
+        parse_answer(gap_json(cause(R"("pressure")", 0.2) + "," + cause(R"("latency","gravity")", 0.5), 0.2, 0.1), "f");
     ASSERT_TRUE(answer) << answer.error().text;
     EXPECT_EQ(answer->best().first, "gravity+latency");  // sorted ids, most probable first
     EXPECT_EQ(answer->causes[1].first, "pressure");
@@ -216,16 +221,19 @@ CaseResult result(const std::string& truth, double gap, const std::string& json)
 // Controls' gap without noise: sqrt(1 - 0.36) = 0.8 mm is the floor, so causes are visible above 1.2 mm.
 std::vector<CaseResult> hand_made() {
     std::vector<CaseResult> r;
-    r.push_back(result("none", 0.0, gap_json("", 0.1, 0.9)));                                                   // right at 0.9
-    r.push_back(result("none", 0.0, gap_json(cause(R"("stiffness")", 0.6), 0.0, 0.4)));                         // false alarm at 0.6
-    r.push_back(result("gravity", 2.0, gap_json(cause(R"("gravity")", 0.95), 0.0, 0.05)));                      // right at 0.95
-    r.push_back(result("pressure", 2.0, gap_json(cause(R"("gravity")", 0.7) + "," + cause(R"("pressure")", 0.3), 0.0, 0.0)));  // family
-    r.push_back(result("latency", 2.0, gap_json(cause(R"("cut")", 0.3) + "," + cause(R"("noise")", 0.2), 0.5, 0.0)));          // unknown at 0.5
-    r.push_back(result("cut", 0.5, gap_json("", 0.2, 0.8)));                                                    // below the floor: none
-    r.push_back(result("gravity+latency", 3.0, gap_json(cause(R"("latency","gravity")", 0.9), 0.1, 0.0)));     // both, at 0.9
-    r.push_back(result("inclusion", 2.0, ""));                                                                  // failed
-    r[2].withheld = *parse_answer(gap_json(cause(R"("pressure")", 0.8), 0.2, 0.0), "t");   // its family
-    r[3].withheld = *parse_answer(gap_json(cause(R"("stiffness")", 0.8), 0.2, 0.0), "t");  // confidently wrong
+    r.push_back(result("none", 0.0, gap_json("", 0.1, 0.9)));                               // right at 0.9
+    r.push_back(result("none", 0.0, gap_json(cause(R"("stiffness")", 0.6), 0.0, 0.4)));     // false alarm at 0.6
+    r.push_back(result("gravity", 2.0, gap_json(cause(R"("gravity")", 0.95), 0.0, 0.05)));  // right at 0.95
+    r.push_back(result("pressure", 2.0,
+                       gap_json(cause(R"("gravity")", 0.7) + "," + cause(R"("pressure")", 0.3), 0.0, 0.0)));  // family
+    r.push_back(result("latency", 2.0,
+                       gap_json(cause(R"("cut")", 0.3) + "," + cause(R"("noise")", 0.2), 0.5, 0.0)));  // unknown at 0.5
+    r.push_back(result("cut", 0.5, gap_json("", 0.2, 0.8)));  // below the floor: none
+    r.push_back(
+        result("gravity+latency", 3.0, gap_json(cause(R"("latency","gravity")", 0.9), 0.1, 0.0)));  // both, at 0.9
+    r.push_back(result("inclusion", 2.0, ""));                                                      // failed
+    r[2].withheld = *parse_answer(gap_json(cause(R"("pressure")", 0.8), 0.2, 0.0), "t");            // its family
+    r[3].withheld = *parse_answer(gap_json(cause(R"("stiffness")", 0.8), 0.2, 0.0), "t");           // confidently wrong
     r[2].place_error_mm = 6.0;
     r[2].true_shrinkage = 0.75;
     r[3].true_shrinkage = 0.3;
@@ -281,11 +289,14 @@ void write(const fs::path& file, const std::vector<CaseResult>& results) {
 TEST(BlindtestCommand, MergesShards) {
     const ScratchFolder scratch;
     const auto all = hand_made();
-    const std::string whole = (scratch.path() / "whole.jsonl").string(), a = (scratch.path() / "a.jsonl").string(), b = (scratch.path() / "b.jsonl").string();
+    const std::string whole = (scratch.path() / "whole.jsonl").string(), a = (scratch.path() / "a.jsonl").string(),
+                      b = (scratch.path() / "b.jsonl").string();
     write(whole, all);
     write(a, {all.begin(), all.begin() + 3});
     write(b, {all.begin() + 3, all.end()});
-    const test::Run once = test::run_teres({"blindtest", "merge", whole}), merged = test::run_teres({"blindtest", "merge", a, b, "--plots", (scratch.path() / "plots").string()});
+    const test::Run once = test::run_teres({"blindtest", "merge", whole}),
+                    merged =
+                        test::run_teres({"blindtest", "merge", a, b, "--plots", (scratch.path() / "plots").string()});
     ASSERT_EQ(once.exit_code, 0) << once.error;
     EXPECT_EQ(merged.output, once.output);
     EXPECT_THAT(merged.output, ::testing::HasSubstr("33 % (1 of 3) / 67 % (2 of 3)"));
@@ -338,9 +349,12 @@ TEST_F(SmallCases, AreTheSameForTheSameSeedAndSealed) {
         EXPECT_FALSE(fs::exists(one.path() / "cases" / name / "validation.csv"));
         EXPECT_FALSE(fs::exists(one.path() / "cases" / name / "truth.json"));
         for (const char* file : {"observations.csv", "mesh.vtk", "loads.csv"})
-            EXPECT_EQ(*read_text_file(one.path() / "cases" / name / file), *read_text_file(two.path() / "cases" / name / file));
+            EXPECT_EQ(*read_text_file(one.path() / "cases" / name / file),
+                      *read_text_file(two.path() / "cases" / name / file));
     }
-    const std::vector<std::string> score{"blindtest", "score", "--seed", "11", "--cases", "2", "--effects", "latency,load_scale", "--out", one.path().string()};
+    const std::vector<std::string> score{
+        "blindtest",          "score", "--seed",           "11", "--cases", "2", "--effects",
+        "latency,load_scale", "--out", one.path().string()};
     const test::Run sealed = test::run_teres(score);
     EXPECT_EQ(sealed.exit_code, 0) << sealed.error;
     EXPECT_THAT(sealed.output, ::testing::HasSubstr("holds"));

@@ -101,10 +101,10 @@ TEST_F(BusCommands, SpyShowsRatesGapsAndFields) {
     EXPECT_LT(spied["rate_hz"].get<double>(), 200.0);
     EXPECT_GT(spied["lost"].get<int>(), 0);
     EXPECT_EQ(spied["fields"]["marker_id"][0], 3);
-    const auto lines = run_teres({"spy", "--url", test::kLoopbackUrl, "--seconds", "0.5", "--lines", "--channels", "MARKERS"});
+    const auto lines =
+        run_teres({"spy", "--url", test::kLoopbackUrl, "--seconds", "0.5", "--lines", "--channels", "MARKERS"});
     EXPECT_THAT(lines.output, ::testing::ContainsRegex("^[0-9.]+ MARKERS .*num_markers=.*\n[0-9.]+ MARKERS "));
-    const auto table =
-        run_teres({"spy", "--url", test::kLoopbackUrl, "--seconds", "1.2", "--channels", "CAMERA_.*"});
+    const auto table = run_teres({"spy", "--url", test::kLoopbackUrl, "--seconds", "1.2", "--channels", "CAMERA_.*"});
     EXPECT_EQ(table.exit_code, 0);
     EXPECT_THAT(table.output, HasSubstr("CAMERA_COLOR"));
     EXPECT_THAT(table.output, Not(HasSubstr("MARKERS")));
@@ -115,16 +115,15 @@ TEST_F(BusCommands, SpyAndRecordSayThatNothingCame) {
     const auto spy = run_teres({"spy", "--url", test::kLoopbackUrl, "--once"});
     EXPECT_EQ(spy.exit_code, 1);
     EXPECT_THAT(spy.error, HasSubstr("no message on " + std::string(test::kLoopbackUrl)));
-    const auto record =
-        run_teres({"record", "--url", test::kLoopbackUrl, "--seconds", "0.3", "-o", file("none.lcm")});
+    const auto record = run_teres({"record", "--url", test::kLoopbackUrl, "--seconds", "0.3", "-o", file("none.lcm")});
     EXPECT_EQ(record.exit_code, 1);
     EXPECT_THAT(record.error, HasSubstr("no message"));
 }
 
 TEST_F(BusCommands, RecordWritesTheChosenChannels) {
     const Publisher publisher;
-    const auto run = run_teres({"record", "--url", test::kLoopbackUrl, "--seconds", "1", "--channels",
-                                "MARKERS", "-o", file("a.lcm")});
+    const auto run = run_teres(
+        {"record", "--url", test::kLoopbackUrl, "--seconds", "1", "--channels", "MARKERS", "-o", file("a.lcm")});
     ASSERT_EQ(run.exit_code, 0) << run.error;
     auto reader = LogReader::open(file("a.lcm"));
     ASSERT_TRUE(reader) << reader.error().text;
@@ -142,8 +141,7 @@ TEST_F(BusCommands, RecordWritesTheChosenChannels) {
     EXPECT_TRUE(reader->damage().none()) << reader->damage_text();
     EXPECT_THAT(run.error, HasSubstr(std::to_string(count) + " messages"));
 
-    const auto again =
-        run_teres({"record", "--url", test::kLoopbackUrl, "--seconds", "0.1", "-o", file("a.lcm")});
+    const auto again = run_teres({"record", "--url", test::kLoopbackUrl, "--seconds", "0.1", "-o", file("a.lcm")});
     EXPECT_EQ(again.exit_code, 2);
     EXPECT_THAT(again.error, HasSubstr("a.lcm: the file exists"));
     const auto full =
@@ -167,8 +165,8 @@ TEST_F(BusCommands, PedalStartsAndStopsTheRecording) {
             std::this_thread::sleep_for(100ms);
         }
     });
-    const auto run = run_teres({"record", "--url", test::kLoopbackUrl, "--pedal", "--seconds", "4", "-o",
-                                file("pedal.lcm")});
+    const auto run =
+        run_teres({"record", "--url", test::kLoopbackUrl, "--pedal", "--seconds", "4", "-o", file("pedal.lcm")});
     stop = true;
     foot.join();
     EXPECT_EQ(run.exit_code, 0) << run.error;
@@ -213,8 +211,8 @@ class ReplayCommand : public ::testing::Test {
         const char* build = std::getenv("TERES_BUILD_DIR");
         const std::string plugins = std::string(build != nullptr ? build : ".") + "/lib/teres/test_plugins";
         ASSERT_TRUE(write_text_file(
-            config(), "[service]\ndrivers = [\"replay\"]\nplugins = [\"echo\"]\nplugin_folder = \"" +
-                          plugins + "\"\n"));
+            config(),
+            "[service]\ndrivers = [\"replay\"]\nplugins = [\"echo\"]\nplugin_folder = \"" + plugins + "\"\n"));
     }
     std::filesystem::path file(const std::string& name) const { return scratch_.path() / name; }
     std::string case_folder() const { return file("case"); }
@@ -233,9 +231,8 @@ class ReplayCommand : public ::testing::Test {
             answer.header.capture_stamp_us = std::llround(frame * case_.dt_s * 1e6);
             answer.header.sequence = frame;
             answer.header.frame_id = case_.name;
-            answer.nis =
-                case_.observations[static_cast<std::size_t>(frame) * case_.markers.size()].position_m[0] +
-                1e-9 * static_cast<double>(answer.header.capture_stamp_us);
+            answer.nis = case_.observations[static_cast<std::size_t>(frame) * case_.markers.size()].position_m[0] +
+                         1e-9 * static_cast<double>(answer.header.capture_stamp_us);
             answer.degrees_of_freedom = 1;
             answer.num_markers = 0;
             hash.add("INNOVATION", encoded(answer));
@@ -298,8 +295,7 @@ TEST_F(ReplayCommand, WrongInputIsNamed) {
     const auto absent = replay(file("absent"));
     EXPECT_EQ(absent.exit_code, 2);
     EXPECT_THAT(absent.error, HasSubstr("absent is neither a case folder nor a log file"));
-    ASSERT_TRUE(
-        write_text_file(file("text.lcm"), "this is no log at all, but it is longer than one event header"));
+    ASSERT_TRUE(write_text_file(file("text.lcm"), "this is no log at all, but it is longer than one event header"));
     const auto text = replay(file("text.lcm"));
     EXPECT_EQ(text.exit_code, 2);
     EXPECT_THAT(text.error, HasSubstr("no event"));

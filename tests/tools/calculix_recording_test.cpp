@@ -36,11 +36,15 @@ TEST(CalculixRecording, MaxwellBranchCreepsAsTheStandardLinearSolid) {
     const TruthMesh mesh(block_mesh({side, side, side}, {1, 1, 1}));
     CalculixRecording recording;
     recording.nodes = mesh.nodes();
-    CalculixMaterial body{.law = CalculixMaterial::Law::kNeoHookean, .youngs_modulus_pa = 9000.0, .poissons_ratio = 0.49};
-    CalculixMaterial branch{.law = CalculixMaterial::Law::kLinear, .youngs_modulus_pa = 2.0 * 1.3 * r * body.shear_modulus_pa(), .poissons_ratio = 0.3};
+    CalculixMaterial body{
+        .law = CalculixMaterial::Law::kNeoHookean, .youngs_modulus_pa = 9000.0, .poissons_ratio = 0.49};
+    CalculixMaterial branch{.law = CalculixMaterial::Law::kLinear,
+                            .youngs_modulus_pa = 2.0 * 1.3 * r * body.shear_modulus_pa(),
+                            .poissons_ratio = 0.3};
     branch.creep_per_pa_s = 1.0 / (3.0 * branch.shear_modulus_pa() * tau);
     recording.parts = {{Part::Element::kTet10, mesh.tets10(), body}, {Part::Element::kTet10, mesh.tets10(), branch}};
-    for (int axis = 0; axis < 3; ++axis) recording.supports.push_back({nodes_at(mesh.nodes(), static_cast<std::size_t>(axis), 0.0), axis, {}});
+    for (int axis = 0; axis < 3; ++axis)
+        recording.supports.push_back({nodes_at(mesh.nodes(), static_cast<std::size_t>(axis), 0.0), axis, {}});
     NodalLoad pull{{}, {{0.0, 0.01, 10.0}, {0.0, 1.0, 1.0}}};
     for (std::size_t t = 0; t < mesh.surface().triangles().size(); ++t) {
         if (std::abs(mesh.centroid(t)[0] - side) > 1e-9) continue;
@@ -59,7 +63,8 @@ TEST(CalculixRecording, MaxwellBranchCreepsAsTheStandardLinearSolid) {
     ASSERT_TRUE(solution) << solution.error().text;
     for (std::size_t k = 0; k < recording.times_s.size(); ++k) {
         const double t = recording.times_s[k];
-        const double strain = stress / (3.0 * body.shear_modulus_pa()) * (1.0 - r / (1.0 + r) * std::exp(-t / (tau * (1.0 + r))));
+        const double strain =
+            stress / (3.0 * body.shear_modulus_pa()) * (1.0 - r / (1.0 + r) * std::exp(-t / (tau * (1.0 + r))));
         EXPECT_NEAR(solution->displacement_m[k].at(corner)[0] / side, strain, 0.04 * strain) << "t = " << t;
     }
 }
@@ -74,7 +79,8 @@ TEST(CalculixRecording, WedgesContinueTheTetrahedra) {
         if (std::abs(mesh.centroid(t)[2] - side) < 1e-9) top.push_back(static_cast<std::int32_t>(t));
     const blindtest::WedgeLayer layer = mesh.extrude(top, height, 1);
     EXPECT_EQ(layer.wedges.size(), top.size());
-    // The extrusion follows node normals, which lean outwards at the block's edges: set upright, mid-edge nodes in the middle.
+    // The extrusion follows node normals, which lean outwards at the block's edges: set upright, mid-edge nodes in the
+    // middle.
     std::vector<Point> nodes = mesh.nodes();
     const double end = side + height;
     const auto at = [&](std::int32_t id) -> Point& { return nodes[static_cast<std::size_t>(id)]; };
@@ -86,11 +92,14 @@ TEST(CalculixRecording, WedgesContinueTheTetrahedra) {
             at(w[12 + i]) = times(0.5, plus(at(w[i]), at(w[3 + i])));
         }
 
-    CalculixMaterial material{.law = CalculixMaterial::Law::kNeoHookean, .youngs_modulus_pa = 10e3, .poissons_ratio = 0.3};
+    CalculixMaterial material{
+        .law = CalculixMaterial::Law::kNeoHookean, .youngs_modulus_pa = 10e3, .poissons_ratio = 0.3};
     CalculixRecording recording;
     recording.nodes = nodes;
-    recording.parts = {{Part::Element::kTet10, mesh.tets10(), material}, {Part::Element::kWedge15, layer.wedges, material}};
-    for (int axis = 0; axis < 3; ++axis) recording.supports.push_back({nodes_at(nodes, static_cast<std::size_t>(axis), 0.0), axis, {}});
+    recording.parts = {{Part::Element::kTet10, mesh.tets10(), material},
+                       {Part::Element::kWedge15, layer.wedges, material}};
+    for (int axis = 0; axis < 3; ++axis)
+        recording.supports.push_back({nodes_at(nodes, static_cast<std::size_t>(axis), 0.0), axis, {}});
     recording.supports.push_back({layer.far_nodes, 2, Curve{{0.0, 1.0}, {0.0, 0.01 * end}}});
     recording.times_s = {1.0};
     recording.output_nodes = nodes_at(nodes, 2, side);
@@ -122,8 +131,11 @@ TEST(CalculixRecording, ControlAgreesWithOurOwnSimulation) {
     const TruthMesh mesh(block_mesh(options.size_m, {7, 2, 2}));
     CalculixRecording recording;
     recording.nodes = mesh.nodes();
-    recording.parts = {{Part::Element::kTet10, mesh.tets10(),
-                        {.law = CalculixMaterial::Law::kNeoHookean, .youngs_modulus_pa = c.body.youngs_modulus_pa, .poissons_ratio = c.body.poissons_ratio}}};
+    recording.parts = {{Part::Element::kTet10,
+                        mesh.tets10(),
+                        {.law = CalculixMaterial::Law::kNeoHookean,
+                         .youngs_modulus_pa = c.body.youngs_modulus_pa,
+                         .poissons_ratio = c.body.poissons_ratio}}};
     for (int axis = 0; axis < 3; ++axis) recording.supports.push_back({nodes_at(mesh.nodes(), 0, 0.0), axis, {}});
     NodalLoad load{{}, {{0.0, 2.0}, {0.0, 1.0}}};
     const double far_area = options.size_m[1] * options.size_m[2];
@@ -138,7 +150,8 @@ TEST(CalculixRecording, ControlAgreesWithOurOwnSimulation) {
     recording.loads = {load};
     recording.times_s = {1.0, 2.0};
     recording.max_increment_s = 1.0;
-    for (std::size_t i = 0; i < mesh.nodes().size(); ++i) recording.output_nodes.push_back(static_cast<std::int32_t>(i));
+    for (std::size_t i = 0; i < mesh.nodes().size(); ++i)
+        recording.output_nodes.push_back(static_cast<std::int32_t>(i));
     const auto solution = solve_recording(recording, scratch.path() / "ccx", 120.0);
     ASSERT_TRUE(solution) << solution.error().text;
 

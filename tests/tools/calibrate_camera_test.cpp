@@ -26,7 +26,8 @@ class Pattern {
     explicit Pattern(const Board& board) : board_(board) {
         if (board.kind == Board::Kind::kCheckerboard) return;
         const auto family = cv::aruco::getPredefinedDictionary(cv::aruco::DICT_APRILTAG_36h11);
-        for (int id = 0; id < board.columns * board.rows; ++id) cv::aruco::drawMarker(family, id, 80, tags_.emplace_back());
+        for (int id = 0; id < board.columns * board.rows; ++id)
+            cv::aruco::drawMarker(family, id, 80, tags_.emplace_back());
     }
     Vector3d middle() const {
         const double step = board_.size_m + board_.gap_m, last = board_.kind == Board::Kind::kCheckerboard ? -1.0 : 0.0;
@@ -34,17 +35,21 @@ class Pattern {
     }
     double at(double x, double y) const {
         if (board_.kind == Board::Kind::kCheckerboard) {
-            const int i = static_cast<int>(std::floor(x / board_.size_m)) + 1, j = static_cast<int>(std::floor(y / board_.size_m)) + 1;
+            const int i = static_cast<int>(std::floor(x / board_.size_m)) + 1,
+                      j = static_cast<int>(std::floor(y / board_.size_m)) + 1;
             return i < 0 || j < 0 || i > board_.columns || j > board_.rows ? 1.0 : (i + j) % 2;
         }
         // Tags are laid out as in OpenCV's GridBoard: y from the first row's top edge.
         const double step = board_.size_m + board_.gap_m;
         const int i = static_cast<int>(std::floor(x / step)), j = static_cast<int>(std::floor(y / step));
         const double fx = x - i * step, fy = y - j * step;
-        if (i < 0 || j < 0 || i >= board_.columns || j >= board_.rows || fx > board_.size_m || fy > board_.size_m) return 1.0;
+        if (i < 0 || j < 0 || i >= board_.columns || j >= board_.rows || fx > board_.size_m || fy > board_.size_m)
+            return 1.0;
         const cv::Mat& tag = tags_[static_cast<std::size_t>(j * board_.columns + i)];
         const double px = fx / board_.size_m * tag.cols, py = fy / board_.size_m * tag.rows;
-        return tag.at<std::uint8_t>(std::min(tag.rows - 1, static_cast<int>(py)), std::min(tag.cols - 1, static_cast<int>(px))) / 255.0;
+        return tag.at<std::uint8_t>(std::min(tag.rows - 1, static_cast<int>(py)),
+                                    std::min(tag.cols - 1, static_cast<int>(px))) /
+               255.0;
     }
 
   private:
@@ -75,7 +80,8 @@ cv::Mat shot(const Board& board, int k, bool right = false) {
     const Pattern pattern(board);
     const double side = 2.4 * k, tilt = k == 0 ? 0.05 : 0.44 + 0.06 * (k % 5);
     Eigen::Matrix3d R = Eigen::AngleAxisd(tilt, Vector3d(std::cos(side), std::sin(side), 0.0)).toRotationMatrix();
-    Vector3d t = Vector3d(0.05 * std::cos(1.3 * k), 0.04 * std::sin(1.7 * k), 0.30 + 0.016 * (k % 6)) - R * pattern.middle();
+    Vector3d t =
+        Vector3d(0.05 * std::cos(1.3 * k), 0.04 * std::sin(1.7 * k), 0.30 + 0.016 * (k % 6)) - R * pattern.middle();
     if (right) {
         R = kTurn.transpose() * R;
         t = kTurn.transpose() * (t - kShift);
@@ -97,12 +103,14 @@ cv::Mat shot(const Board& board, int k, bool right = false) {
                     const Vector3d x = to_board * ray * (distance / n.dot(ray)) - origin;
                     sum += pattern.at(x.x(), x.y());
                 }
-            image.at<std::uint8_t>(v, u) = cv::saturate_cast<std::uint8_t>(40.0 + 170.0 * sum / (kRays * kRays) + noise.gaussian(2.0));
+            image.at<std::uint8_t>(v, u) =
+                cv::saturate_cast<std::uint8_t>(40.0 + 170.0 * sum / (kRays * kRays) + noise.gaussian(2.0));
         }
     return image;
 }
 
-// Largest distance between where both cameras see the same ray; the boards reach to about 40 px from the image's border.
+// Largest distance between where both cameras see the same ray; the boards reach to about 40 px from the image's
+// border.
 double largest_difference_px(const CameraModel& found) {
     double worst = 0.0;
     for (int v = 40; v < kTruth.height_px - 40; v += 20)
@@ -122,7 +130,8 @@ TEST_P(CalibrateCamera, FindsTheCameraThatTookThePictures) {
     ASSERT_GE(views.size(), 9u);
     const auto found = calibrate(views, kTruth.width_px, kTruth.height_px);
     ASSERT_TRUE(found) << found.error().text;
-    const bool checker = GetParam().kind == Board::Kind::kCheckerboard;  // its corners are saddles, sharper than those of tags
+    const bool checker =
+        GetParam().kind == Board::Kind::kCheckerboard;  // its corners are saddles, sharper than those of tags
     EXPECT_LT(found->rms_px, checker ? 0.1 : 0.25);
     EXPECT_GT(found->tilt_deg, 30.0);
     EXPECT_LT(largest_difference_px(found->camera), 1.0);
@@ -130,8 +139,9 @@ TEST_P(CalibrateCamera, FindsTheCameraThatTookThePictures) {
     const double want[] = {kTruth.fx_px, kTruth.fy_px, kTruth.cx_px, kTruth.cy_px};
     for (std::size_t i = 0; i < 4; ++i) EXPECT_NEAR(got[i], want[i], 1.8) << i;
 }
-INSTANTIATE_TEST_SUITE_P(Boards, CalibrateCamera, ::testing::Values(kChecker, kTags),
-                         [](const auto& board) { return board.param.kind == Board::Kind::kCheckerboard ? "Checkerboard" : "AprilTags"; });
+INSTANTIATE_TEST_SUITE_P(Boards, CalibrateCamera, ::testing::Values(kChecker, kTags), [](const auto& board) {
+    return board.param.kind == Board::Kind::kCheckerboard ? "Checkerboard" : "AprilTags";
+});
 
 TEST(CalibrateCameraCommand, WritesWhatTheDriverReadsAndRefusesWhatIsOpen) {
     const test::ScratchFolder scratch;
@@ -171,11 +181,18 @@ TEST(CalibrateCameraCommand, FindsHowThePairStandsAndRefusesPicturesThatAreNoPai
     std::vector<std::string> left, right;
     for (int k = 0; k < 12; ++k)
         for (auto* side : {&left, &right}) {
-            side->push_back((scratch.path() / ((side == &left ? "left" : "right") + std::to_string(k) + ".png")).string());
+            side->push_back(
+                (scratch.path() / ((side == &left ? "left" : "right") + std::to_string(k) + ".png")).string());
             cv::imwrite(side->back(), shot(kChecker, k, side == &right));
         }
     const auto run = [&] {
-        std::vector<std::string> words{"calibrate-camera", "--size", "0.02", "-o", (scratch.path() / "L.toml").string(), "--right-out", (scratch.path() / "R.toml").string()};
+        std::vector<std::string> words{"calibrate-camera",
+                                       "--size",
+                                       "0.02",
+                                       "-o",
+                                       (scratch.path() / "L.toml").string(),
+                                       "--right-out",
+                                       (scratch.path() / "R.toml").string()};
         words.insert(words.end(), left.begin(), left.end());
         words.push_back("--right");
         words.insert(words.end(), right.begin(), right.end());
@@ -192,7 +209,8 @@ TEST(CalibrateCameraCommand, FindsHowThePairStandsAndRefusesPicturesThatAreNoPai
     EXPECT_EQ(stream->reference_frame, "camera_left");
     EXPECT_NEAR(stream->baseline_m, kShift.norm(), 2e-4);
     for (int a = 0; a < 3; ++a) EXPECT_NEAR(stream->to_reference.t[static_cast<std::size_t>(a)], kShift(a), 4e-4) << a;
-    const Eigen::Matrix3d R = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(stream->to_reference.R.data());
+    const Eigen::Matrix3d R =
+        Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(stream->to_reference.R.data());
     EXPECT_LT(Eigen::AngleAxisd(R * kTurn.transpose()).angle(), 4e-3);
 
     std::rotate(right.begin(), right.begin() + 1, right.end());

@@ -48,7 +48,8 @@ TEST(SheetMaterial, FitOfACurveFindsItsCoefficients) {
     EXPECT_NEAR(m->c3_pa, 9e5, 1e-3 * 9e5);
 }
 
-// Springs alone, by hand: without diagonals the columns are bars in two layers, e = strain of each; load E A (g1 e + g2 e^2
+// Springs alone, by hand: without diagonals the columns are bars in two layers, e = strain of each; load E A (g1 e + g2
+// e^2
 // + g3 e^3). The free layer's hold is 0.1 % of it.
 TEST(SpringSheet, ColumnsWithoutDiagonalsStretchByTheirLaw) {
     const Sheet sheet = coarse_sheet();
@@ -83,8 +84,8 @@ TEST(SpringSheet, CalibrationFindsTheLawBehindAMotion) {
 TEST(CalibrateSprings, MeetsACoarseSheetOfCalculix) {
     const test::ScratchFolder scratch;
     const auto json = scratch.path() / "springs.json", plot = scratch.path() / "springs.png";
-    const test::Run r = test::run_teres({"calibrate-springs", "--youngs-modulus", "5e6", "--nodes", "3", "--cells", "1", "--steps", "6",
-                                         "--json", json.string(), "--plot", plot.string()});
+    const test::Run r = test::run_teres({"calibrate-springs", "--youngs-modulus", "5e6", "--nodes", "3", "--cells", "1",
+                                         "--steps", "6", "--json", json.string(), "--plot", plot.string()});
     if (r.error.find("program 'ccx' not found") != std::string::npos) GTEST_SKIP() << "SKIPPED LOUDLY: " << r.error;
     ASSERT_EQ(r.exit_code, 0) << r.error;
     std::ifstream in(json);

@@ -18,8 +18,8 @@
 namespace teres {
 namespace {
 
-using ::testing::HasSubstr;
 using test::run_teres;
+using ::testing::HasSubstr;
 
 constexpr int kFrames = 8, kCutAfter = 4;
 
@@ -47,8 +47,9 @@ class CutInARecording : public ::testing::Test {
     }
     std::filesystem::path file(const std::string& name) const { return scratch_.path() / name; }
     test::Run replay(const std::string& source, const std::string& record_to) const {
-        std::vector<std::string> arguments{"replay", file(source), "--config", file("test.toml"), "--speed", "0", "--set",
-                                           "service.record_to=" + file(record_to).string()};
+        std::vector<std::string> arguments{
+            "replay",  file(source), "--config", file("test.toml"),
+            "--speed", "0",          "--set",    "service.record_to=" + file(record_to).string()};
         if (source != "case") arguments.insert(arguments.end(), {"--case", file("case")});
         return run_teres(arguments);
     }

@@ -29,16 +29,16 @@ class EstimateCommand : public ::testing::Test {
     void write(double displacement_scale, double lost_from_s = 1e9) {
         constexpr int kFrames = 6;
         constexpr double kDt = 0.2;
-        Case c = test::clamped_block(
-            {.cells = {8, 4, 4},
-             .youngs_modulus_pa = 5e6,
-             .frames = kFrames,
-             .dt_s = kDt,
-             .full_force_n = {kForce, 0.0, 0.0},
-             .motion = [&](const Point& rest, double t_s) {
-                 const double force = kForce * t_s / (kDt * (kFrames - 1));
-                 return Point{rest[0] + displacement_scale * force / kStiffness, rest[1], rest[2]};
-             }});
+        Case c =
+            test::clamped_block({.cells = {8, 4, 4},
+                                 .youngs_modulus_pa = 5e6,
+                                 .frames = kFrames,
+                                 .dt_s = kDt,
+                                 .full_force_n = {kForce, 0.0, 0.0},
+                                 .motion = [&](const Point& rest, double t_s) {
+                                     const double force = kForce * t_s / (kDt * (kFrames - 1));
+                                     return Point{rest[0] + displacement_scale * force / kStiffness, rest[1], rest[2]};
+                                 }});
         c.name = "hanging block";
         c.clamped.clear();
         c.ligament = LigamentData{LigamentLaw::kNeoHookean, 20e3, 0.45, 0.02, 0.02, 0.0};
@@ -89,16 +89,15 @@ TEST_F(EstimateCommand, FindsTheStiffnessThatHoldsTheBlock) {
     const auto rest = read_case(folder())->validation_rest;
     ASSERT_EQ(table->size(), 6 * rest.size());
     for (std::size_t i = 0; i < rest.size(); ++i)
-        EXPECT_NEAR((*table)[5 * rest.size() + i].position_m[0] - rest[i].position_m[0], kForce / kStiffness,
-                    4e-4);
+        EXPECT_NEAR((*table)[5 * rest.size() + i].position_m[0] - rest[i].position_m[0], kForce / kStiffness, 4e-4);
 }
 
 TEST_F(EstimateCommand, BothFiltersAgree) {
     write(1.0);
     double sum[2] = {0.0, 0.0};
     for (int ukf = 0; ukf < 2; ++ukf) {
-        const test::Run run = estimate(
-            {"--json", at("e.json"), "--set", ukf ? "estimator.filter=ukf" : "estimator.filter=roukf"});
+        const test::Run run =
+            estimate({"--json", at("e.json"), "--set", ukf ? "estimator.filter=ukf" : "estimator.filter=roukf"});
         ASSERT_EQ(run.exit_code, 0) << run.error;
         for (const auto& p : nlohmann::json::parse(*read_text_file(at("e.json")))["parameters"])
             sum[ukf] += p["mean"].get<double>();

@@ -44,11 +44,16 @@ Json sample(const TetMeshData& mesh) {
     Json triangles = Json::array();
     for (const auto& t : surface.triangles())
         for (const std::int32_t n : t)
-            triangles.push_back(std::lower_bound(surface.nodes().begin(), surface.nodes().end(), n) - surface.nodes().begin());
-    j["surface"] = {{"node_id", surface.nodes()}, {"triangle", triangles}, {"unit_m", 1e-4}, {"before", Json::array()}, {"after", Json::array()}};
+            triangles.push_back(std::lower_bound(surface.nodes().begin(), surface.nodes().end(), n) -
+                                surface.nodes().begin());
+    j["surface"] = {{"node_id", surface.nodes()},
+                    {"triangle", triangles},
+                    {"unit_m", 1e-4},
+                    {"before", Json::array()},
+                    {"after", Json::array()}};
     j["time_s"] = Json::array();
     j["markers"] = {{"marker_id", {10, 11, 12, 13}}, {"observed_m", Json::array()}, {"before_m", Json::array()},
-                    {"after_m", Json::array()}, {"first_held_frame", 8}, {"held_markers", Json::array()}};
+                    {"after_m", Json::array()},      {"first_held_frame", 8},       {"held_markers", Json::array()}};
     for (int id = 10; id < 14; ++id) j["where"]["markers"].push_back({{"marker_id", id}, {"share", 0.25}});
     for (int f = 0; f < 10; ++f) {
         j["time_s"].push_back(0.2 * f);
@@ -64,7 +69,10 @@ Json sample(const TetMeshData& mesh) {
         j["surface"]["after"].push_back(after);
         for (int m = 0; m < 4; ++m)
             for (int a = 0; a < 3; ++a) {
-                const double rest = a == 0 ? 0.02 + 0.02 * m : a == 1 ? 0.015 : 0.03, rise = f >= 5 && a == 2 && m > 1 ? 0.005 : 0.0;
+                const double rest = a == 0   ? 0.02 + 0.02 * m
+                                    : a == 1 ? 0.015
+                                             : 0.03,
+                             rise = f >= 5 && a == 2 && m > 1 ? 0.005 : 0.0;
                 const bool lost = m == 3 && f == 7;
                 j["markers"]["observed_m"].push_back(lost ? Json(nullptr) : Json(rest + rise));
                 j["markers"]["before_m"].push_back(rest);
@@ -108,11 +116,13 @@ TEST(GapReport, VerdictSaysNoneAndUnknownInPlainWords) {
 // What a browser draws: the body in colour, and tables filled by the script.
 TEST(GapReport, IsDrawnByHeadlessChromium) {
     const char* browser = "/usr/bin/chromium";
-    if (!std::filesystem::exists(browser)) GTEST_SKIP() << "SKIPPED LOUDLY: no " << browser << " (apt install chromium)";
+    if (!std::filesystem::exists(browser))
+        GTEST_SKIP() << "SKIPPED LOUDLY: no " << browser << " (apt install chromium)";
     const test::ScratchFolder scratch;
     const TetMeshData mesh = test::block_mesh({0.10, 0.03, 0.03}, {10, 3, 3});
     ASSERT_TRUE(write_gap_report(sample(mesh).dump(), mesh, {}, scratch.path()));
-    const std::string picture = (scratch.path() / "page.png").string(), url = "file://" + (scratch.path() / "index.html").string();
+    const std::string picture = (scratch.path() / "page.png").string(),
+                      url = "file://" + (scratch.path() / "index.html").string();
     const std::vector<std::string> options{"--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
                                            "--user-data-dir=" + (scratch.path() / "profile").string()};
     auto arguments = options;

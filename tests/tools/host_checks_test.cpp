@@ -43,8 +43,8 @@ class HostChecks : public testing::Test {
 };
 
 TEST_F(HostChecks, RecommendedKernelSettingsAreOk) {
-    for (const char* key : {"net.core.rmem_max", "net.core.rmem_default", "net.ipv4.ipfrag_time",
-                            "net.ipv4.ipfrag_high_thresh"})
+    for (const char* key :
+         {"net.core.rmem_max", "net.core.rmem_default", "net.ipv4.ipfrag_time", "net.ipv4.ipfrag_high_thresh"})
         EXPECT_EQ(sysctl(key).state, CheckState::kOk) << key;
 }
 

@@ -31,8 +31,7 @@ class LiverPictureOfABlock : public ::testing::Test {
   protected:
     LiverPictureOfABlock() : mesh(test::block_mesh({0.2, 0.1, 0.1}, {8, 4, 4})) {
         picture.title = "block";
-        for (const Point& node : mesh.nodes)
-            picture.value.push_back(node[2] == 0.1 ? 1.0 : 0.0);  // front face
+        for (const Point& node : mesh.nodes) picture.value.push_back(node[2] == 0.1 ? 1.0 : 0.0);  // front face
         picture.views = {{"front", {0, 0, 1}, {0, 1, 0}}, {"back", {0, 0, -1}, {0, 1, 0}}};
     }
     cv::Mat draw() {
@@ -69,8 +68,7 @@ TEST_F(LiverPictureOfABlock, OutlineAddsItsLine) {
 TEST_F(LiverPictureOfABlock, WrongInputIsAnErrorNotACrash) {
     const auto file = scratch.path() / "p.png";
     picture.views[0].from = {0, 0, 0};
-    EXPECT_THAT(save_liver_picture(picture, mesh, file).error().text,
-                HasSubstr("view 'front' has no direction"));
+    EXPECT_THAT(save_liver_picture(picture, mesh, file).error().text, HasSubstr("view 'front' has no direction"));
     picture.views[0] = {"up along view", {0, 1, 0}, {0, 1, 0}};
     EXPECT_TRUE(save_liver_picture(picture, mesh, file));
     picture.value.pop_back();
@@ -94,8 +92,7 @@ TEST(LiverPicture, DrawsTheControlCase) {
     ASSERT_TRUE(c) << c.error().text;
     LiverPicture picture;
     picture.value.assign(c->mesh.nodes.size(), 0.0);
-    for (const auto& node : c->ligament_prior)
-        picture.value[static_cast<std::size_t>(node.node_id)] = node.probability;
+    for (const auto& node : c->ligament_prior) picture.value[static_cast<std::size_t>(node.node_id)] = node.probability;
     picture.views = default_views(c->mesh, c->sensor, picture.value);
     const test::ScratchFolder scratch;
     const auto file = scratch.path() / "liver.png";

@@ -138,8 +138,7 @@ TEST(Plot, ManyPanelsShareColumns) {
     Plot plot;
     plot.columns = 2;
     for (int i = 0; i < 5; ++i)
-        plot.panels.push_back(
-            {.title = "r" + std::to_string(i), .curves = {{"estimate", {0, 1}, {0.0, 1.0 * i}}}});
+        plot.panels.push_back({.title = "r" + std::to_string(i), .curves = {{"estimate", {0, 1}, {0.0, 1.0 * i}}}});
     ASSERT_TRUE(save_plot(plot, scratch.path() / "grid.png"));
     const cv::Mat image = cv::imread((scratch.path() / "grid.png").string());
     EXPECT_GT(image.rows, 3 * 220);
@@ -151,8 +150,7 @@ TEST(Plot, WrongInputIsAnErrorNotACrash) {
     plot.title = "t";
     EXPECT_EQ(save_plot(plot, scratch.path() / "p.png").error().kind, ErrorKind::kInvalidInput);
     plot.panels.push_back({.curves = {{"c", {0, 1, 2}, {0, 1}}}});
-    EXPECT_THAT(save_plot(plot, scratch.path() / "p.png").error().text,
-                HasSubstr("curve 'c': 3 x, 2 y, 0 sigma"));
+    EXPECT_THAT(save_plot(plot, scratch.path() / "p.png").error().text, HasSubstr("curve 'c': 3 x, 2 y, 0 sigma"));
     plot.panels[0].curves[0].y.push_back(2);
     const auto status = save_plot(plot, scratch.path() / "no such folder" / "p.png");
     ASSERT_FALSE(status);

@@ -20,9 +20,10 @@ TEST(Republisher, WhatItSendsIsWhatLcmReceives) {
     auto listener = Bus::open(std::string("udpm://") + kGroup + "?ttl=0&recv_buf_size=4194304");
     ASSERT_TRUE(listener) << listener.error().text;
     std::map<std::string, Bytes> heard;
-    ASSERT_TRUE(listener->subscribe(".*", 1 << 21, [&](std::string_view channel, std::span<const std::uint8_t> data, auto) {
-        heard[std::string(channel)].assign(data.begin(), data.end());
-    }));
+    ASSERT_TRUE(
+        listener->subscribe(".*", 1 << 21, [&](std::string_view channel, std::span<const std::uint8_t> data, auto) {
+            heard[std::string(channel)].assign(data.begin(), data.end());
+        }));
     auto republisher = Republisher::open("lo", kGroup, 0, {1e9, 1000.0, 1 << 20});
     ASSERT_TRUE(republisher) << republisher.error().text;
     // Around the border between one packet and fragments, and with a last fragment of one byte.
@@ -62,7 +63,8 @@ TEST(Republisher, LimitsHoldPerChannelAndOverAll) {
 }
 
 TEST(Republisher, WrongInterfaceOrGroupIsNamed) {
-    EXPECT_THAT(Republisher::open("nonesuch0", kGroup, 0, {}).error().text, testing::HasSubstr("no interface nonesuch0"));
+    EXPECT_THAT(Republisher::open("nonesuch0", kGroup, 0, {}).error().text,
+                testing::HasSubstr("no interface nonesuch0"));
     for (const char* bad : {"", "239.255.76.67", "10.0.0.1:7668", "239.255.76.67:0", "239.255.76.67:99999", "x:1"})
         EXPECT_FALSE(Republisher::open("lo", bad, 0, {})) << bad;
 }

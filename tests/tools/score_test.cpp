@@ -94,12 +94,10 @@ TEST(Score, LostTruthIsNotAskedFor) {
 TEST(Score, RefusesUnknownAndDoublePoints) {
     auto unknown = prediction();
     unknown[1].id = 99;
-    EXPECT_THAT(score_prediction(truth(), unknown).error().text,
-                HasSubstr("point_id 99 at t_s = 0 is not a point"));
+    EXPECT_THAT(score_prediction(truth(), unknown).error().text, HasSubstr("point_id 99 at t_s = 0 is not a point"));
     auto twice = prediction();
     twice.push_back(twice[5]);
-    EXPECT_THAT(score_prediction(truth(), twice).error().text,
-                HasSubstr("point_id 7 at t_s = 0.2 is predicted twice"));
+    EXPECT_THAT(score_prediction(truth(), twice).error().text, HasSubstr("point_id 7 at t_s = 0.2 is predicted twice"));
     EXPECT_FALSE(score_prediction({}, prediction()));
 }
 

@@ -89,8 +89,7 @@ TEST_F(TeresProgram, RunEndsWithTheRecording) {
 TEST_F(TeresProgram, RunTellsWhatIsWrongWithTheSettings) {
     const auto run = run_teres({"run", "--config", write("[ramp]\nfrmes = 12\n")});
     EXPECT_EQ(run.exit_code, 2);
-    EXPECT_THAT(run.error,
-                HasSubstr("test.toml:6: ramp.frmes is not a known setting (did you mean frames?)"));
+    EXPECT_THAT(run.error, HasSubstr("test.toml:6: ramp.frmes is not a known setting (did you mean frames?)"));
 }
 
 TEST_F(TeresProgram, RunEndsOnSigtermWithZero) {
@@ -140,8 +139,8 @@ TEST_F(TeresProgram, ShippedSettingsFileIsComplete) {
 
 TEST_F(TeresProgram, ShippedSettingsPassTheDoctor) {
     const auto json_file = scratch_.path() / "doctor.json";
-    const auto run = run_teres(
-        {"doctor", "--config", source_file("config/teres.toml").string(), "--json", json_file.string()});
+    const auto run =
+        run_teres({"doctor", "--config", source_file("config/teres.toml").string(), "--json", json_file.string()});
     EXPECT_EQ(run.exit_code, 0) << run.output;
     const auto json = nlohmann::json::parse(text_of(json_file));
     EXPECT_EQ(json["format"], "teres-doctor-1");
@@ -151,20 +150,18 @@ TEST_F(TeresProgram, ShippedSettingsPassTheDoctor) {
         states[check["name"]] = check["state"];
         EXPECT_EQ(check["remedy"] == "", check["state"] == "ok") << check;
     }
-    for (const char* name : {"config", "plugin simulation", "plugin estimator", "plugin replay", "settings",
-                             "case", "bus memq://"})
+    for (const char* name :
+         {"config", "plugin simulation", "plugin estimator", "plugin replay", "settings", "case", "bus memq://"})
         EXPECT_EQ(states[name], "ok") << name;
 }
 
 TEST_F(TeresProgram, DoctorFailsWithRemedies) {
-    const auto broken = run_teres(
-        {"doctor", "--config", write("[ramp]\nfrmes = 1\n"), "--set", "service.case=/no/such/case"});
+    const auto broken =
+        run_teres({"doctor", "--config", write("[ramp]\nfrmes = 1\n"), "--set", "service.case=/no/such/case"});
     EXPECT_EQ(broken.exit_code, 3);
-    EXPECT_THAT(broken.output,
-                AllOf(HasSubstr("ramp.frmes is not a known setting"), HasSubstr("fail  case")));
+    EXPECT_THAT(broken.output, AllOf(HasSubstr("ramp.frmes is not a known setting"), HasSubstr("fail  case")));
     // The folder holds plugins broken in many ways; unused ones are warnings.
-    EXPECT_THAT(broken.output,
-                AllOf(HasSubstr("warn  plugin newer_major"), HasSubstr("warn  plugin crashes")));
+    EXPECT_THAT(broken.output, AllOf(HasSubstr("warn  plugin newer_major"), HasSubstr("warn  plugin crashes")));
     const auto missing = run_teres({"doctor", "--config", "/no/such.toml"});
     EXPECT_EQ(missing.exit_code, 3);
     EXPECT_THAT(missing.output, HasSubstr("fail  config"));

@@ -29,8 +29,7 @@ struct Scene {
 };
 
 double face_area(const TetMeshData& mesh, const std::array<std::int32_t, 3>& face) {
-    const Eigen::Vector3d a(mesh.nodes[face[0]].data()), b(mesh.nodes[face[1]].data()),
-        c(mesh.nodes[face[2]].data());
+    const Eigen::Vector3d a(mesh.nodes[face[0]].data()), b(mesh.nodes[face[1]].data()), c(mesh.nodes[face[2]].data());
     return 0.5 * (b - a).cross(c - a).norm();
 }
 
@@ -100,8 +99,7 @@ std::vector<Point> solve_ours(const Scene& scene, ElementType element) {
         EXPECT_EQ(report.lanes_converged, 1) << "step " << step << ", residual " << report.relative_residual;
     }
     for (std::size_t i = 0; i < displacement.size(); ++i) {
-        for (std::size_t axis = 0; axis < 3; ++axis)
-            displacement[i][axis] = x[3 * i + axis] - rest[3 * i + axis];
+        for (std::size_t axis = 0; axis < 3; ++axis) displacement[i][axis] = x[3 * i + axis] - rest[3 * i + axis];
     }
     return displacement;
 }
@@ -130,13 +128,13 @@ std::vector<Point> solve_calculix(const Scene& scene, bool quadratic) {
         ADD_FAILURE() << solution.error().text;
         return std::vector<Point>(scene.mesh.nodes.size());
     }
-    std::printf("CalculiX %s: %zu tetrahedra, %zu nodes, %.1f s\n", quadratic ? "C3D10" : "C3D4",
-                problem.tets.size(), solution->num_nodes, solution->seconds);
+    std::printf("CalculiX %s: %zu tetrahedra, %zu nodes, %.1f s\n", quadratic ? "C3D10" : "C3D4", problem.tets.size(),
+                solution->num_nodes, solution->seconds);
     return solution->displacement_m;
 }
 
 struct Difference {
-    double relative = 0.0;  ///< |u - u_ref| / |u_ref| over the nodes that both meshes have (Euclidean norms)
+    double relative = 0.0;    ///< |u - u_ref| / |u_ref| over the nodes that both meshes have (Euclidean norms)
     double load_ratio = 0.0;  ///< displacement of the loaded face along the load over that of the reference
     double loaded_mm = 0.0;   ///< displacement of the reference's loaded face along the load
 };
@@ -187,8 +185,8 @@ const char* name(ElementType element) {
 Difference report(const char* scene_name, const Scene& scene, ElementType element, const Scene& reference,
                   const std::vector<Point>& u_ref) {
     const Difference d = compare(scene, solve_ours(scene, element), reference, u_ref);
-    std::printf("| %s | %s | %zu | %.1f | %.4f | %.2f %% |\n", scene_name, name(element),
-                scene.mesh.tets.size(), d.loaded_mm, d.load_ratio, 100.0 * d.relative);
+    std::printf("| %s | %s | %zu | %.1f | %.4f | %.2f %% |\n", scene_name, name(element), scene.mesh.tets.size(),
+                d.loaded_mm, d.load_ratio, 100.0 * d.relative);
     return d;
 }
 
@@ -330,8 +328,7 @@ TEST(Mechanics, PressedBlockOfEightThousandTetrahedraDoesNotLock) {
     };
     EXPECT_LT(row(2, ElementType::kQuadratic).relative, 0.04);
     for (const int n : {1, 2}) {
-        for (const ElementType element :
-             {ElementType::kLinear, ElementType::kNodalVolume, ElementType::kNodalBlend}) {
+        for (const ElementType element : {ElementType::kLinear, ElementType::kNodalVolume, ElementType::kNodalBlend}) {
             row(n, element);
         }
     }

@@ -1,5 +1,5 @@
-// Is the filter as sure as it may be? True ligaments are drawn at random (place, width, stiffness, within the atlas), the
-// recording is made with them, and the stated 95 % intervals are counted. Figures: VALIDATION.md, "Consistency".
+// Is the filter as sure as it may be? True ligaments are drawn at random (place, width, stiffness, within the atlas),
+// the recording is made with them, and the stated 95 % intervals are counted. Figures: VALIDATION.md, "Consistency".
 //
 //     TERES_CONSISTENCY_DRAWS=50 build/release/bin/validation_consistency_test
 #include <gtest/gtest.h>
@@ -42,8 +42,9 @@ Case scene(BodyLaw law) {
     return tools::bench_case(s);
 }
 
-// A node holds where z(p) + g > 0, p the atlas' probability, g a smooth field of unit variance: so every node is attached
-// with exactly its probability, and neighbours mostly together. Places and widths of strips differ from draw to draw.
+// A node holds where z(p) + g > 0, p the atlas' probability, g a smooth field of unit variance: so every node is
+// attached with exactly its probability, and neighbours mostly together. Places and widths of strips differ from draw
+// to draw.
 std::vector<NodeProbability> draw_attachment(const Case& c, std::mt19937& random) {
     const auto n = static_cast<Eigen::Index>(c.ligament_prior.size());
     MatrixXd K(n, n);
@@ -53,7 +54,8 @@ std::vector<NodeProbability> draw_attachment(const Case& c, std::mt19937& random
     };
     for (Eigen::Index i = 0; i < n; ++i)
         for (Eigen::Index j = 0; j < n; ++j)
-            K(i, j) = std::exp(-0.5 * (at(i) - at(j)).squaredNorm() / (kFieldLength_m * kFieldLength_m)) + (i == j ? 1e-6 : 0.0);
+            K(i, j) = std::exp(-0.5 * (at(i) - at(j)).squaredNorm() / (kFieldLength_m * kFieldLength_m)) +
+                      (i == j ? 1e-6 : 0.0);
     std::normal_distribution<double> normal;
     VectorXd white(n);
     for (auto& v : white) v = normal(random);
@@ -80,8 +82,9 @@ struct Tally {
     }
 };
 
-// Errors with correlations rho_ij. "Inside a symmetric interval" is an even function of a normal error: its Hermite series
-// starts at degree 2, so two such events correlate by at most rho_ij^2, and the mean of n of them varies at most like that of
+// Errors with correlations rho_ij. "Inside a symmetric interval" is an even function of a normal error: its Hermite
+// series starts at degree 2, so two such events correlate by at most rho_ij^2, and the mean of n of them varies at most
+// like that of
 //     n^2 / sum_ij rho_ij^2     independent ones.
 double independent_intervals(const MatrixXd& covariance) {
     const VectorXd s = covariance.diagonal().cwiseSqrt();
@@ -89,7 +92,8 @@ double independent_intervals(const MatrixXd& covariance) {
     return static_cast<double>(rho.rows() * rho.rows()) / rho.squaredNorm();
 }
 
-// The smallest share k/n with P(X <= k) >= probability, X binomial of n trials that succeed with p (counted by the misses).
+// The smallest share k/n with P(X <= k) >= probability, X binomial of n trials that succeed with p (counted by the
+// misses).
 double binomial_quantile_share(double probability, int n, double p) {
     int misses = 0;
     double term = std::pow(p, n), tail = 1.0;  // P(misses = m), P(misses >= m)
@@ -137,10 +141,12 @@ Tally run(Truth kind, BodyLaw true_law, const BoundaryEstimatorOptions& options,
                 for (std::size_t i = 0; i < model->ligament().node.size(); ++i)
                     if (model->ligament().node[i] == held.node_id)
                         group_truth[static_cast<std::size_t>(model->ligament().group[i])] +=
-                            theta_true[0] * model->mesh().node_area[static_cast<std::size_t>(held.node_id)] / whole.area_m2;
+                            theta_true[0] * model->mesh().node_area[static_cast<std::size_t>(held.node_id)] /
+                            whole.area_m2;
         } else {
             for (std::size_t g = 0; g < num_groups; ++g)
-                group_truth[g] = model->parameter(g).prior_median * std::exp(model->parameter(g).prior_log_stdev * normal(random));
+                group_truth[g] =
+                    model->parameter(g).prior_median * std::exp(model->parameter(g).prior_log_stdev * normal(random));
             theta_true = group_truth;
         }
 
@@ -191,7 +197,8 @@ Tally run(Truth kind, BodyLaw true_law, const BoundaryEstimatorOptions& options,
 }
 
 void print(const char* what, const Tally& t) {
-    std::printf("| %s | %d | %.0f %% | %.2f | %d of %d |", what, t.draws, 100.0 * t.coverage(), t.mean_nis(), t.nis_within, t.draws);
+    std::printf("| %s | %d | %.0f %% | %.2f | %d of %d |", what, t.draws, 100.0 * t.coverage(), t.mean_nis(),
+                t.nis_within, t.draws);
     for (const double o : t.observability) std::printf(" %.2f", o);
     std::printf(" |\n");
 }
@@ -208,7 +215,8 @@ TEST(Consistency, IntervalsAndNisAreRightWhereTheModelIs) {
     print("stiffness per group, same body", t);
     const int independent = static_cast<int>(t.independent);
     const double limit = binomial_quantile_share(0.01, independent, 0.95);  // a right filter fails once in 100 seeds
-    std::printf("%d intervals, worth %d independent ones: 1 %% quantile of the share inside %.3f\n", t.count, independent, limit);
+    std::printf("%d intervals, worth %d independent ones: 1 %% quantile of the share inside %.3f\n", t.count,
+                independent, limit);
     EXPECT_GE(t.coverage(), limit);
     EXPECT_NEAR(t.mean_nis(), 1.0, 0.1);
 }
@@ -223,7 +231,8 @@ TEST(Consistency, IntervalsUnderModelError) {
             options.model_error_correlation_s = correlation_s;
             const Tally t = run(Truth::kStrips, law, options, num_draws());
             char name[80];
-            std::snprintf(name, sizeof name, "strips, %s, T = %g s", law == BodyLaw::kStVK ? "same body" : "Ogden body", correlation_s);
+            std::snprintf(name, sizeof name, "strips, %s, T = %g s", law == BodyLaw::kStVK ? "same body" : "Ogden body",
+                          correlation_s);
             print(name, t);
             EXPECT_GT(t.coverage(), 0.4);  // falls short of 95 %: only that it gets no worse than this
             EXPECT_LT(t.mean_nis(), 1.5);

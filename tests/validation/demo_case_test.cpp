@@ -59,8 +59,7 @@ TEST_F(DemoCase, FirstFrameIsTheRestShapeWithinNoise) {
         if (sample.t_s > 0.0 || std::isnan(sample.position_m[0])) continue;
         for (const MarkerRest& marker : case_.markers) {
             if (marker.id != sample.id) continue;
-            for (std::size_t i = 0; i < 3; ++i)
-                sum += std::pow(sample.position_m[i] - marker.position_m[i], 2);
+            for (std::size_t i = 0; i < 3; ++i) sum += std::pow(sample.position_m[i] - marker.position_m[i], 2);
             count += 3;
         }
     }
@@ -73,13 +72,11 @@ TEST_F(DemoCase, TrueBandDiffersFromThePrior) {
     std::set<std::int32_t> expected, true_nodes;
     double missed_probability = 0.0;
     for (const NodeProbability& node : case_.ligament_prior) expected.insert(node.node_id);
-    for (const auto& id : truth_["ligament"]["attachment_node_ids"])
-        true_nodes.insert(id.get<std::int32_t>());
+    for (const auto& id : truth_["ligament"]["attachment_node_ids"]) true_nodes.insert(id.get<std::int32_t>());
     ASSERT_GT(true_nodes.size(), 10u);
     for (const std::int32_t id : true_nodes) EXPECT_TRUE(expected.count(id)) << "node " << id;
     for (const NodeProbability& node : case_.ligament_prior) {
-        if (!true_nodes.count(node.node_id))
-            missed_probability = std::max(missed_probability, node.probability);
+        if (!true_nodes.count(node.node_id)) missed_probability = std::max(missed_probability, node.probability);
     }
     EXPECT_GT(missed_probability, 0.6);
     EXPECT_NE(truth_["ligament"]["youngs_modulus_pa"].get<double>(), case_.ligament->youngs_modulus_pa);

@@ -24,8 +24,7 @@ nlohmann::json read_json(const std::filesystem::path& file) {
 
 double mean_error_mm(const std::filesystem::path& folder, const std::filesystem::path& prediction) {
     const std::filesystem::path json = prediction.string() + ".json";
-    const test::Run run =
-        test::run_program(test::program_path("teres"), {"score", folder, prediction, "--json", json});
+    const test::Run run = test::run_program(test::program_path("teres"), {"score", folder, prediction, "--json", json});
     EXPECT_EQ(run.exit_code, 0) << run.error;
     return read_json(json)["error_mm"]["mean"];
 }
@@ -37,17 +36,16 @@ Outcome estimate(const std::filesystem::path& folder) {
     const test::Run estimated = test::run_program(
         test::program_path("teres"), {"estimate", folder, "--json", at("e.json"), "--predict", at("e.csv")});
     EXPECT_EQ(estimated.exit_code, 0) << estimated.error;
-    const test::Run fixed = test::run_program(
-        test::program_path("teres"), {"estimate", folder, "--bc", "atlas-fixed", "--predict", at("f.csv")});
+    const test::Run fixed = test::run_program(test::program_path("teres"),
+                                              {"estimate", folder, "--bc", "atlas-fixed", "--predict", at("f.csv")});
     EXPECT_EQ(fixed.exit_code, 0) << fixed.error;
     if (testing::Test::HasFailure()) return out;
     out.json = read_json(at("e.json"));
     out.estimated_mm = mean_error_mm(folder, at("e.csv"));
     out.fixed_mm = mean_error_mm(folder, at("f.csv"));
-    std::printf("| %s | %.2f | %.2f | %.0f %% | %.2f / %.2f / %.2f |\n", folder.filename().c_str(),
-                out.fixed_mm, out.estimated_mm, 100.0 * (1.0 - out.estimated_mm / out.fixed_mm),
-                out.json["marker_rms_mm"]["prior"].get<double>(),
-                out.json["marker_rms_mm"]["fixed"].get<double>(),
+    std::printf("| %s | %.2f | %.2f | %.0f %% | %.2f / %.2f / %.2f |\n", folder.filename().c_str(), out.fixed_mm,
+                out.estimated_mm, 100.0 * (1.0 - out.estimated_mm / out.fixed_mm),
+                out.json["marker_rms_mm"]["prior"].get<double>(), out.json["marker_rms_mm"]["fixed"].get<double>(),
                 out.json["marker_rms_mm"]["estimated"].get<double>());
     return out;
 }
@@ -70,8 +68,7 @@ void expect_contract(const nlohmann::json& json) {
 void expect_accurate(const Outcome& out) {
     EXPECT_LE(out.estimated_mm, 2.0);
     EXPECT_LE(out.estimated_mm, 0.5 * out.fixed_mm);
-    EXPECT_LT(out.json["marker_rms_mm"]["estimated"].get<double>(),
-              out.json["marker_rms_mm"]["prior"].get<double>());
+    EXPECT_LT(out.json["marker_rms_mm"]["estimated"].get<double>(), out.json["marker_rms_mm"]["prior"].get<double>());
 }
 
 TEST(Estimate, FindsTheLigamentOfTheDemoCase) {

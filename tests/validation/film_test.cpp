@@ -41,19 +41,22 @@ std::string filmed(const test::ScratchFolder& scratch, const std::vector<std::st
     return out;
 }
 
-test::Run replayed(const std::string& out, const std::string& source, const std::string& log, const std::vector<std::string>& options,
-                   const std::string& case_folder) {
-    std::vector<std::string> words{"replay", out + "/" + log, "--case", case_folder, "--speed", "0", "--set",
-                                   "service.plugins=observation", "--set", "observation.source=" + source, "--set",
-                                   "service.record_to=" + out + "/tracked.lcm"};
+test::Run replayed(const std::string& out, const std::string& source, const std::string& log,
+                   const std::vector<std::string>& options, const std::string& case_folder) {
+    std::vector<std::string> words{"replay",  out + "/" + log,
+                                   "--case",  case_folder,
+                                   "--speed", "0",
+                                   "--set",   "service.plugins=observation",
+                                   "--set",   "observation.source=" + source,
+                                   "--set",   "service.record_to=" + out + "/tracked.lcm"};
     words.insert(words.end(), options.begin(), options.end());
     const auto replay = test::run_teres(words);
     EXPECT_EQ(replay.exit_code, 0) << replay.error;
     return replay;
 }
 
-void track(const std::string& out, const std::string& source, const std::string& log = "recording.lcm", const std::vector<std::string>& options = {},
-           const std::string& case_folder = demo_case().string()) {
+void track(const std::string& out, const std::string& source, const std::string& log = "recording.lcm",
+           const std::vector<std::string>& options = {}, const std::string& case_folder = demo_case().string()) {
     EXPECT_THAT(replayed(out, source, log, options, case_folder).output, HasSubstr("TRACKING"));
 }
 
@@ -112,7 +115,8 @@ TEST(Film, BreathingCarriesMarkersAndInnerPointsAsTheCurveSays) {
     EXPECT_LT(score["error_p95_m"], 8e-4) << "twice the depth noise at the farther markers";
     EXPECT_EQ(score["identity_errors"], 0);
     EXPECT_GT(score["visible_reported_share"], 0.6);
-    std::printf("median %.2f mm, 95th percentile %.2f mm\n", 1e3 * score["error_median_m"].get<double>(), 1e3 * score["error_p95_m"].get<double>());
+    std::printf("median %.2f mm, 95th percentile %.2f mm\n", 1e3 * score["error_median_m"].get<double>(),
+                1e3 * score["error_p95_m"].get<double>());
 }
 
 TEST(Film, MalformedBreathingIsNamed) {
@@ -120,21 +124,26 @@ TEST(Film, MalformedBreathingIsNamed) {
     const std::string curve = scratch.path().string() + "/breath.csv";
     const auto error = [&](const std::string& text, std::vector<std::string> options = {}) {
         std::ofstream(curve) << text;
-        options.insert(options.begin(), {"phantom", demo_case().string(), "-o", scratch.path().string(), "--seconds", "1", "--respiration", curve});
+        options.insert(options.begin(), {"phantom", demo_case().string(), "-o", scratch.path().string(), "--seconds",
+                                         "1", "--respiration", curve});
         const auto run = test::run_teres(options);
         EXPECT_EQ(run.exit_code, 2);
         return run.error;
     };
     EXPECT_THAT(error("t_s,y\n0,0\n0.5,nan\n1,5\n"), HasSubstr("breath.csv:3: y = 'nan', expected a finite number"));
-    EXPECT_THAT(error("t_s,y\n0,0\n0.5,3\n0.5,4\n1,5\n"), HasSubstr("breath.csv:4: t_s = 0.5, 0 s after the line before it"));
+    EXPECT_THAT(error("t_s,y\n0,0\n0.5,3\n0.5,4\n1,5\n"),
+                HasSubstr("breath.csv:4: t_s = 0.5, 0 s after the line before it"));
     EXPECT_THAT(error("t_s,y\n0,0\n0.5,3\n2,5\n"), HasSubstr("breath.csv:4: t_s = 2, 1.5 s after"));
-    EXPECT_THAT(error("t_s,y\n0,0\n0.9,3\n"), HasSubstr("0.9 s of breathing, too short for a film of 1 s; it is not repeated"));
-    EXPECT_THAT(error("t_s,y\n0,0\n1,0.012\n"), HasSubstr("y ranges over 0.012 mm, expected 0.1 to 200 mm; is it in mm?"));
+    EXPECT_THAT(error("t_s,y\n0,0\n0.9,3\n"),
+                HasSubstr("0.9 s of breathing, too short for a film of 1 s; it is not repeated"));
+    EXPECT_THAT(error("t_s,y\n0,0\n1,0.012\n"),
+                HasSubstr("y ranges over 0.012 mm, expected 0.1 to 200 mm; is it in mm?"));
     EXPECT_THAT(error("t_s,y\n0,0\n1,5\n", {"--respiration-column", "z"}), HasSubstr("no column 'z' beside t_s"));
     EXPECT_THAT(error("t_s\n0\n1\n"), HasSubstr("expected t_s and columns of positions in mm"));
 }
 
-// Same material in half the size: half the displacements, by the simulation, which knows nothing of similarity; and a film of it.
+// Same material in half the size: half the displacements, by the simulation, which knows nothing of similarity; and a
+// film of it.
 TEST(Film, PhantomOfHalfSizeMovesHalfAsFar) {
     const test::ScratchFolder scratch;
     const std::string out = filmed(scratch, {"--seconds", "2", "--rate", "5", "--scale", "0.5"});
@@ -182,7 +191,10 @@ TEST(Film, ExchangedCamerasAreNamedAndNothingIsReported) {
         ASSERT_TRUE(in && to);
         for (LogEvent event; in->next(event);) {
             const std::string name(event.channel);
-            to->record(name == "CAMERA_LEFT" ? "CAMERA_RIGHT" : name == "CAMERA_RIGHT" ? "CAMERA_LEFT" : name, event.data, event.stamp_us);
+            to->record(name == "CAMERA_LEFT"    ? "CAMERA_RIGHT"
+                       : name == "CAMERA_RIGHT" ? "CAMERA_LEFT"
+                                                : name,
+                       event.data, event.stamp_us);
         }
     }
     track(out, "stereo", "exchanged.lcm");
@@ -192,7 +204,8 @@ TEST(Film, ExchangedCamerasAreNamedAndNothingIsReported) {
     for (LogEvent event; log->next(event);) {
         if (event.channel == "TRACKING") last.decode(event.data.data(), 0, static_cast<int>(event.data.size()));
         markers_t m;
-        if (event.channel != "MARKERS" || m.decode(event.data.data(), 0, static_cast<int>(event.data.size())) < 0) continue;
+        if (event.channel != "MARKERS" || m.decode(event.data.data(), 0, static_cast<int>(event.data.size())) < 0)
+            continue;
         EXPECT_TRUE(std::all_of(m.x_m.begin(), m.x_m.end(), [](double x) { return std::isnan(x); }));
     }
     ASSERT_EQ(last.fault.size(), 1u);
@@ -207,7 +220,8 @@ void mark_landmarks(const Case& c, const StreamInfo& color, const std::string& f
     for (const std::size_t m : {5U, 7U, 8U, 10U, 12U}) {
         const Point& x = c.markers[m].position_m;
         const auto p = color.camera.project(color.to_reference.inverse().apply(x));
-        landmarks << m << "," << x[0] << "," << x[1] << "," << x[2] << "," << p->u + 3.0 << "," << p->v - (m % 2 == 0 ? 3.0 : -2.0) << "\n";
+        landmarks << m << "," << x[0] << "," << x[1] << "," << x[2] << "," << p->u + 3.0 << ","
+                  << p->v - (m % 2 == 0 ? 3.0 : -2.0) << "\n";
     }
 }
 
@@ -220,11 +234,12 @@ TEST(Film, CameraIsRegisteredToTheModel) {
     ASSERT_TRUE(c && log);
     camera_info_t info;
     for (LogEvent event; log->next(event);)
-        if (event.channel == "CAMERA_COLOR_INFO") info.decode(event.data.data(), 0, static_cast<int>(event.data.size()));
+        if (event.channel == "CAMERA_COLOR_INFO")
+            info.decode(event.data.data(), 0, static_cast<int>(event.data.size()));
     const StreamInfo color = *stream_info(info);
     mark_landmarks(*c, color, out + "/landmarks.csv");
-    const auto run = test::run_teres({"register", out + "/recording.lcm", "--case", demo_case().string(), "--landmarks", out + "/landmarks.csv",
-                                      "-o", out + "/pose.json"});
+    const auto run = test::run_teres({"register", out + "/recording.lcm", "--case", demo_case().string(), "--landmarks",
+                                      out + "/landmarks.csv", "-o", out + "/pose.json"});
     ASSERT_EQ(run.exit_code, 0) << run.error;
     std::ifstream file(out + "/pose.json");
     const auto pose = nlohmann::json::parse(file);
@@ -234,7 +249,8 @@ TEST(Film, CameraIsRegisteredToTheModel) {
     EXPECT_NEAR(pose["sensor"]["view_direction"][2], -1.0, 1e-4);
 }
 
-// off.lcm: the film with `state` telling what the colour stream says of its camera, from the true StreamInfo. Returns the true pose.
+// off.lcm: the film with `state` telling what the colour stream says of its camera, from the true StreamInfo. Returns
+// the true pose.
 Pose misstated(const std::string& out, const std::function<void(const StreamInfo& truth, camera_info_t& info)>& state) {
     Pose truth;
     auto in = LogReader::open(out + "/recording.lcm");
@@ -260,7 +276,8 @@ void set_pose(camera_info_t& info, const Pose& pose) {
     std::copy(pose.t.begin(), pose.t.end(), info.translation_m);
 }
 
-// The stream states a camera that is 10 mm and 5 degrees off: the running service finds the true one and knows how well.
+// The stream states a camera that is 10 mm and 5 degrees off: the running service finds the true one and knows how
+// well.
 TEST(Film, RunningServiceFindsTheCameraFromMarkersAndSurface) {
     const test::ScratchFolder scratch;
     const std::string out = filmed(scratch, {"--seconds", "1", "--rate", "10"});
@@ -275,7 +292,8 @@ TEST(Film, RunningServiceFindsTheCameraFromMarkersAndSurface) {
     std::vector<registration_t> found;
     for (LogEvent event; log->next(event);) {
         registration_t m;
-        if (event.channel == "REGISTRATION" && m.decode(event.data.data(), 0, static_cast<int>(event.data.size())) >= 0) found.push_back(m);
+        if (event.channel == "REGISTRATION" && m.decode(event.data.data(), 0, static_cast<int>(event.data.size())) >= 0)
+            found.push_back(m);
     }
     ASSERT_EQ(found.size(), 1u);
     const registration_t& r = found.front();
@@ -289,14 +307,18 @@ TEST(Film, RunningServiceFindsTheCameraFromMarkersAndSurface) {
     const Pose D = pose * truth.inverse();
     const Point center{r.about_m[0], r.about_m[1], r.about_m[2]}, moved = D.apply(center);
     Eigen::Matrix<double, 6, 1> error;
-    error << 0.5 * (D.R[7] - D.R[5]), 0.5 * (D.R[2] - D.R[6]), 0.5 * (D.R[3] - D.R[1]), moved[0] - center[0], moved[1] - center[1], moved[2] - center[2];
+    error << 0.5 * (D.R[7] - D.R[5]), 0.5 * (D.R[2] - D.R[6]), 0.5 * (D.R[3] - D.R[1]), moved[0] - center[0],
+        moved[1] - center[1], moved[2] - center[2];
     const Eigen::Map<const Eigen::Matrix<double, 6, 6, Eigen::RowMajor>> covariance(r.covariance);
     EXPECT_LT(error.head<3>().norm(), 0.5 / 57.2958) << "turn " << error.head<3>().transpose();
     EXPECT_LT(error.tail<3>().norm(), 8e-4) << "shift " << error.tail<3>().transpose();
     EXPECT_LT(error.dot(covariance.ldlt().solve(error)), 25.0) << "99.97 % of a chi square of 6";
-    std::printf("turn error %.3f deg, shift error %.3f mm, chi square %.1f of 6; stated %.3f deg %.3f mm; %d points, %d markers\n", 57.2958 * error.head<3>().norm(),
-                1e3 * error.tail<3>().norm(), error.dot(covariance.ldlt().solve(error)), 57.2958 * std::sqrt(covariance.topLeftCorner<3, 3>().trace()),
-                1e3 * std::sqrt(covariance.bottomRightCorner<3, 3>().trace()), r.points, r.markers);
+    std::printf(
+        "turn error %.3f deg, shift error %.3f mm, chi square %.1f of 6; stated %.3f deg %.3f mm; %d points, %d "
+        "markers\n",
+        57.2958 * error.head<3>().norm(), 1e3 * error.tail<3>().norm(), error.dot(covariance.ldlt().solve(error)),
+        57.2958 * std::sqrt(covariance.topLeftCorner<3, 3>().trace()),
+        1e3 * std::sqrt(covariance.bottomRightCorner<3, 3>().trace()), r.points, r.markers);
     const auto score = scored(out);
     EXPECT_EQ(score["identity_errors"], 0);
     EXPECT_LT(score["error_median_m"], 8e-4);
@@ -325,7 +347,8 @@ TEST(Film, RunningServiceStartsFromLandmarks) {
     const registration_t lost = registered({"--set", "observation.registration=surface"});
     EXPECT_FALSE(lost.good);
     EXPECT_THAT(lost.reason, HasSubstr("the model's surface"));
-    const registration_t found = registered({"--set", "observation.registration=surface", "--set", "observation.landmarks=" + out + "/landmarks.csv"});
+    const registration_t found = registered(
+        {"--set", "observation.registration=surface", "--set", "observation.landmarks=" + out + "/landmarks.csv"});
     ASSERT_TRUE(found.good) << found.reason;
     for (int a = 0; a < 3; ++a) EXPECT_NEAR(found.translation_m[a], truth.t[static_cast<std::size_t>(a)], 2e-3) << a;
     const auto score = scored(out);
@@ -333,12 +356,14 @@ TEST(Film, RunningServiceStartsFromLandmarks) {
     EXPECT_LT(score["error_median_m"], 8e-4);
 }
 
-// Frames and loads come in bursts, as after a long filter step: what the frames become must not be overtaken by a prediction.
+// Frames and loads come in bursts, as after a long filter step: what the frames become must not be overtaken by a
+// prediction.
 TEST(Film, BurstsOfFramesAreNotOvertakenByPredictions) {
     const test::ScratchFolder scratch;
     const std::string out = filmed(scratch, {"--seconds", "4", "--rate", "10"});
-    const auto replay = test::run_teres({"replay", out + "/recording.lcm", "--case", demo_case().string(), "--speed", "1000", "--set",
-                                         "service.plugins=observation,simulation,estimator", "--set", "simulation.num_groups=2"});
+    const auto replay =
+        test::run_teres({"replay", out + "/recording.lcm", "--case", demo_case().string(), "--speed", "1000", "--set",
+                         "service.plugins=observation,simulation,estimator", "--set", "simulation.num_groups=2"});
     EXPECT_EQ(replay.exit_code, 0) << replay.error;
     EXPECT_THAT(replay.output, HasSubstr("BOUNDARY_ESTIMATE"));
     EXPECT_THAT(replay.error, ::testing::Not(HasSubstr("time does not go forwards")));
@@ -360,7 +385,8 @@ TEST(Film, MarkersOfTheLogAreNotPlayedBesideThoseMadeAnew) {
     EXPECT_EQ(count["TRACKING"], 6);
 }
 
-// Mean error of the case's inner points in the LIVER_STATEs of a log, at the frames for which the solver's truth is known.
+// Mean error of the case's inner points in the LIVER_STATEs of a log, at the frames for which the solver's truth is
+// known.
 double inner_error_m(const Case& c, const std::string& file) {
     struct Carrier {
         std::array<std::int32_t, 4> nodes;
@@ -372,7 +398,8 @@ double inner_error_m(const Case& c, const std::string& file) {
         double deepest = -1e9;
         for (const auto& tet : c.mesh.tets) {
             Eigen::Matrix4d A = Eigen::Matrix4d::Ones();
-            for (int k = 0; k < 4; ++k) A.col(k).head<3>() = vec(c.mesh.nodes[static_cast<std::size_t>(tet[static_cast<std::size_t>(k)])]);
+            for (int k = 0; k < 4; ++k)
+                A.col(k).head<3>() = vec(c.mesh.nodes[static_cast<std::size_t>(tet[static_cast<std::size_t>(k)])]);
             const Eigen::Vector4d w = A.partialPivLu().solve(vec(point.position_m).homogeneous());
             if (w.minCoeff() > deepest) {
                 deepest = w.minCoeff();
@@ -384,7 +411,8 @@ double inner_error_m(const Case& c, const std::string& file) {
     auto log = LogReader::open(file);
     for (LogEvent event; log && log->next(event);) {
         liver_state_t m;
-        if (event.channel != "LIVER_STATE" || m.decode(event.data.data(), 0, static_cast<int>(event.data.size())) < 0) continue;
+        if (event.channel != "LIVER_STATE" || m.decode(event.data.data(), 0, static_cast<int>(event.data.size())) < 0)
+            continue;
         auto& nodes = states[(m.header.capture_stamp_us + 500) / 1000];
         for (std::size_t n = 0; n < m.x_m.size(); ++n) nodes.push_back({m.x_m[n], m.y_m[n], m.z_m[n]});
     }
@@ -397,7 +425,9 @@ double inner_error_m(const Case& c, const std::string& file) {
         if (state == states.end()) continue;
         Eigen::Vector3d x = Eigen::Vector3d::Zero();
         const Carrier& carrier = carriers.at(truth.id);
-        for (int k = 0; k < 4; ++k) x += carrier.weights[k] * vec(state->second[static_cast<std::size_t>(carrier.nodes[static_cast<std::size_t>(k)])]);
+        for (int k = 0; k < 4; ++k)
+            x += carrier.weights[k] *
+                 vec(state->second[static_cast<std::size_t>(carrier.nodes[static_cast<std::size_t>(k)])]);
         sum += (x - vec(truth.position_m)).norm();
         ++count;
     }
@@ -405,12 +435,13 @@ double inner_error_m(const Case& c, const std::string& file) {
     return sum / static_cast<double>(std::max<std::size_t>(1, count));
 }
 
-// Three of the 14 markers, with and without the depth surface; no marker at all, but texture: frames to inner points. More than a
-// minute: ctest -L long.
+// Three of the 14 markers, with and without the depth surface; no marker at all, but texture: frames to inner points.
+// More than a minute: ctest -L long.
 TEST(LongFilm, SurfaceOrTextureMendWhatFewMarkersLeaveOpen) {
     const test::ScratchFolder scratch, bare;
     const std::string marked = filmed(scratch, {"--seconds", "4.8", "--rate", "2.5"});
-    const std::string textured = filmed(bare, {"--seconds", "4.8", "--rate", "2.5", "--markers", "none", "--texture", "2"});
+    const std::string textured =
+        filmed(bare, {"--seconds", "4.8", "--rate", "2.5", "--markers", "none", "--texture", "2"});
     auto c = read_case(demo_case());
     ASSERT_TRUE(c);
     c->markers = {c->markers[2], c->markers[6], c->markers[11]};
@@ -418,10 +449,13 @@ TEST(LongFilm, SurfaceOrTextureMendWhatFewMarkersLeaveOpen) {
         return std::ranges::none_of(c->markers, [&](const MarkerRest& m) { return m.id == row.id; });
     });
     ASSERT_TRUE(write_case(*c, scratch.path() / "few"));
-    const auto error_mm = [&](const std::string& name, const std::string& out, const std::vector<std::string>& options) {
-        std::vector<std::string> words{"replay", out + "/recording.lcm", "--case", (scratch.path() / "few").string(), "--speed", "0", "--set",
-                                       "service.plugins=observation,simulation,estimator", "--set",
-                                       "service.record_to=" + out + "/" + name + ".lcm"};
+    const auto error_mm = [&](const std::string& name, const std::string& out,
+                              const std::vector<std::string>& options) {
+        std::vector<std::string> words{"replay",  out + "/recording.lcm",
+                                       "--case",  (scratch.path() / "few").string(),
+                                       "--speed", "0",
+                                       "--set",   "service.plugins=observation,simulation,estimator",
+                                       "--set",   "service.record_to=" + out + "/" + name + ".lcm"};
         for (const std::string& option : options) words.insert(words.end(), {"--set", option});
         const auto replay = test::run_teres(words);
         EXPECT_EQ(replay.exit_code, 0) << replay.error;
@@ -437,7 +471,9 @@ TEST(LongFilm, SurfaceOrTextureMendWhatFewMarkersLeaveOpen) {
 class AugmentedView : public ::testing::Test {
   protected:
     AugmentedView() {
-        EXPECT_EQ(test::run_teres({"phantom", demo_case().string(), "-o", out, "--seconds", "0.4", "--rate", "15"}).exit_code, 0);
+        EXPECT_EQ(
+            test::run_teres({"phantom", demo_case().string(), "-o", out, "--seconds", "0.4", "--rate", "15"}).exit_code,
+            0);
     }
     test::Run drawn(std::vector<std::string> options) {
         std::vector<std::string> words{"overlay", out + "/recording.lcm", "--case", demo_case().string(), "-o", out};

@@ -28,8 +28,7 @@ void expect_recorded(const FolderReport& report, int all, double bound) {
     const int expected = rows(1) == 0 ? all : report.rows;
     EXPECT_EQ(report.rows, expected);
     EXPECT_GT(report.rows, 100);
-    EXPECT_LT(report.max_relative_difference, bound)
-        << report.worst_parameter << " at row " << report.worst_row;
+    EXPECT_LT(report.max_relative_difference, bound) << report.worst_parameter << " at row " << report.worst_row;
 }
 
 // Bounds: ten times what this code reaches on all rows (1.2e-5, 1.7e-8, 7.8e-5), at most the 1e-3 that is
@@ -53,8 +52,7 @@ TEST(PeerRun, FirstRowIsTheMeanOfClampedSigmaPoints) {
     TERES_REQUIRE_DATA(folder, "peer/liver_polynomial_springs");
     const auto report = run(folder, 1);
     ASSERT_EQ(report.final.size(), 6u);
-    const double expected[] = {1124.55748629, 1165.90457331, 1613.19687489,
-                               1195.36073581, 1202.33208825, 1635.7980361};
+    const double expected[] = {1124.55748629, 1165.90457331, 1613.19687489, 1195.36073581, 1202.33208825, 1635.7980361};
     for (std::size_t i = 0; i < 6; ++i) EXPECT_NEAR(report.final[i].mean, expected[i], 1e-7);
     EXPECT_NEAR(report.final[0].stdev * report.final[0].stdev, 627096.404814, 1e-4);
 }

@@ -23,8 +23,7 @@ void mark(AnnotatedLiver& liver, const std::string& ligament, std::int32_t verte
 
 // Edges as points every quarter, so that a strip is as dense as its mesh is not.
 Status read_marked_edges(const fs::path& file, AnnotatedLiver& liver) {
-    static const std::vector<CsvColumn> kColumns{
-        {"class", CsvKind::kText}, {"v0", CsvKind::kId}, {"v1", CsvKind::kId}};
+    static const std::vector<CsvColumn> kColumns{{"class", CsvKind::kText}, {"v0", CsvKind::kId}, {"v1", CsvKind::kId}};
     TERES_TRY_ASSIGN(const CsvTable table, CsvTable::read(file, kColumns));
     std::set<std::pair<std::int32_t, std::int32_t>> edges;
     for (const auto& f : liver.surface.F)
@@ -33,8 +32,8 @@ Status read_marked_edges(const fs::path& file, AnnotatedLiver& liver) {
         const std::string name = table.text(row, 0) == "ligament" ? "falciform" : table.text(row, 0);
         const std::int32_t a = table.id(row, 1), b = table.id(row, 2);
         if (!edges.contains(std::minmax(a, b)))
-            return invalid_input(table.place(row) + ": annotation off the surface: " + std::to_string(a) +
-                                 "-" + std::to_string(b) + " is not an edge of the surface of " +
+            return invalid_input(table.place(row) + ": annotation off the surface: " + std::to_string(a) + "-" +
+                                 std::to_string(b) + " is not an edge of the surface of " +
                                  std::to_string(liver.surface.num_vertices()) + " vertices");
         for (const double s : {0.0, 0.25, 0.5, 0.75, 1.0})
             liver.marks[name].push_back((1.0 - s) * liver.surface.V.col(a) + s * liver.surface.V.col(b));
@@ -56,17 +55,15 @@ Status read_vertex_distances(const fs::path& file, AnnotatedLiver& liver) {
     std::vector<CsvColumn> columns;
     for (std::size_t begin = 0; begin <= header.size();) {
         const std::size_t end = std::min(header.find(',', begin), header.size());
-        columns.push_back(
-            {header.substr(begin, end - begin), columns.empty() ? CsvKind::kId : CsvKind::kNumber});
+        columns.push_back({header.substr(begin, end - begin), columns.empty() ? CsvKind::kId : CsvKind::kNumber});
         begin = end + 1;
     }
     TERES_TRY_ASSIGN(const CsvTable table, CsvTable::parse(text, file.string(), columns));
     for (std::size_t row = 0; row < table.num_rows(); ++row) {
         const std::int32_t v = table.id(row, 0);
         if (v >= liver.surface.num_vertices())
-            return invalid_input(table.place(row) + ": annotation off the surface: vertex " +
-                                 std::to_string(v) + " does not exist, there are " +
-                                 std::to_string(liver.surface.num_vertices()));
+            return invalid_input(table.place(row) + ": annotation off the surface: vertex " + std::to_string(v) +
+                                 " does not exist, there are " + std::to_string(liver.surface.num_vertices()));
         for (std::size_t c = 1; c < columns.size(); ++c) {
             const auto part = kParts.find(columns[c].name);
             if (part == kParts.end() || 1e-3 * table.number(row, c) > kTouching_m) continue;
@@ -93,24 +90,20 @@ Result<Eigen::Matrix3d> rotation_to_ras(const std::string& frame) {
     for (std::size_t k = 0; k < frame.size() && k < 3; ++k) {
         const std::size_t plus = kPositive.find(frame[k]), minus = kNegative.find(frame[k]);
         if (plus != std::string::npos) R(static_cast<Eigen::Index>(plus), static_cast<Eigen::Index>(k)) = 1.0;
-        if (minus != std::string::npos)
-            R(static_cast<Eigen::Index>(minus), static_cast<Eigen::Index>(k)) = -1.0;
+        if (minus != std::string::npos) R(static_cast<Eigen::Index>(minus), static_cast<Eigen::Index>(k)) = -1.0;
     }
     if (frame.size() != 3 || std::abs(R.determinant()) < 0.5)
-        return invalid_input("frame " + in_quotes(frame) +
-                             ", expected one letter each of R/L, A/P, S/I, e.g. RAS");
-    if (R.determinant() < 0.0)
-        return invalid_input("frame " + in_quotes(frame) + " is mirrored (left-handed)");
+        return invalid_input("frame " + in_quotes(frame) + ", expected one letter each of R/L, A/P, S/I, e.g. RAS");
+    if (R.determinant() < 0.0) return invalid_input("frame " + in_quotes(frame) + " is mirrored (left-handed)");
     return R;
 }
 
 Status check_liver(TriangleSurface& surface, const std::string& name, double unit_m) {
     const Vector3d size = surface.V.rowwise().maxCoeff() - surface.V.rowwise().minCoeff();
     if (size.norm() < kSmallestLiver_m || size.norm() > kLargestLiver_m)
-        return invalid_input(name + ": the surface measures " + to_text(size[0]) + " x " + to_text(size[1]) +
-                             " x " + to_text(size[2]) + " m with the unit given, a liver has a diagonal of " +
-                             to_text(kSmallestLiver_m) + " to " + to_text(kLargestLiver_m) +
-                             " m: wrong --unit?");
+        return invalid_input(name + ": the surface measures " + to_text(size[0]) + " x " + to_text(size[1]) + " x " +
+                             to_text(size[2]) + " m with the unit given, a liver has a diagonal of " +
+                             to_text(kSmallestLiver_m) + " to " + to_text(kLargestLiver_m) + " m: wrong --unit?");
     return check_closed(surface, name, unit_m);
 }
 

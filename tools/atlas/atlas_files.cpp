@@ -24,8 +24,7 @@ Status save_atlas(const LigamentAtlas& atlas, const fs::path& folder) {
     json["ligaments"] = nlohmann::ordered_json::array();
     std::string table = "vertex";
     for (const AtlasLigament& l : atlas.ligaments) {
-        json["ligaments"].push_back(
-            {{"name", l.name}, {"livers", l.num_livers}, {"bandwidth_m", l.bandwidth_m}});
+        json["ligaments"].push_back({{"name", l.name}, {"livers", l.num_livers}, {"bandwidth_m", l.bandwidth_m}});
         table += "," + l.name + "_per_m2," + l.name + "_stdev_per_m2";
     }
     table += "\n";
@@ -59,8 +58,7 @@ Result<LigamentAtlas> load_atlas(const fs::path& folder) {
     for (const auto& entry : *list) {
         const auto name = entry.is_object() ? entry.find("name") : entry.end();
         if (!entry.is_object() || name == entry.end() || !name->is_string() || !entry.contains("livers") ||
-            !entry["livers"].is_number_integer() || !entry.contains("bandwidth_m") ||
-            !entry["bandwidth_m"].is_number())
+            !entry["livers"].is_number_integer() || !entry.contains("bandwidth_m") || !entry["bandwidth_m"].is_number())
             return wrong("a ligament needs name, livers and bandwidth_m");
         AtlasLigament l;
         l.name = name->get<std::string>();
@@ -70,8 +68,7 @@ Result<LigamentAtlas> load_atlas(const fs::path& folder) {
         columns.push_back({l.name + "_stdev_per_m2", CsvKind::kNumber});
         atlas.ligaments.push_back(l);
     }
-    if (const auto source = json.find("source"); source != json.end() && source->is_string())
-        atlas.source = *source;
+    if (const auto source = json.find("source"); source != json.end() && source->is_string()) atlas.source = *source;
     TERES_TRY_ASSIGN(atlas.shape, read_surface(folder / "shape.obj", 1e-3));
     TERES_TRY(check_closed(atlas.shape, (folder / "shape.obj").string(), 1e-3));
     atlas.fine = subdivided(atlas.shape);
@@ -87,8 +84,7 @@ Result<LigamentAtlas> load_atlas(const fs::path& folder) {
         for (std::size_t row = 0; row < table.num_rows(); ++row) {
             l.density[static_cast<Eigen::Index>(row)] = table.number(row, 1 + 2 * k);
             l.density_stdev[static_cast<Eigen::Index>(row)] = table.number(row, 2 + 2 * k);
-            if (table.number(row, 1 + 2 * k) < 0.0)
-                return invalid_input(table.place(row) + ": negative density");
+            if (table.number(row, 1 + 2 * k) < 0.0) return invalid_input(table.place(row) + ": negative density");
         }
         if (!(l.density.sum() > 0.0)) return invalid_input(table.name() + ": " + l.name + " is nowhere");
     }

@@ -24,8 +24,7 @@ namespace {
 
 constexpr Index kShapeVertices = 700;  // 12 mm edges: the registration's resolution
 constexpr double kDefaultBandwidth_m = 0.009;
-constexpr double kTurnedMargin =
-    0.97;  // a turned or mirrored fit below this share of the upright one is believed
+constexpr double kTurnedMargin = 0.97;  // a turned or mirrored fit below this share of the upright one is believed
 constexpr double kLargestTurn_rad = 75.0 * std::numbers::pi / 180.0;  // 30 of pose, the rest is anatomy
 constexpr double kWorstFit_m = 0.006;
 
@@ -56,8 +55,7 @@ MatrixXd attachment_distances(const AtlasBuild& build, const std::string& ligame
         Matrix3Xd P(3, static_cast<Index>(points.size()));
         for (std::size_t k = 0; k < points.size(); ++k) P.col(static_cast<Index>(k)) = points[k];
         const NearestPoint near(P);
-        for (Index v = 0; v < X.cols(); ++v)
-            D(v, static_cast<Index>(i)) = (X.col(v) - P.col(near(X.col(v)))).norm();
+        for (Index v = 0; v < X.cols(); ++v) D(v, static_cast<Index>(i)) = (X.col(v) - P.col(near(X.col(v)))).norm();
     }
     return D;
 }
@@ -135,17 +133,15 @@ CarriedLiver carry(const TriangleSurface& shape, const TriangleSurface& fine, co
 std::size_t median_liver(const std::vector<AnnotatedLiver>& livers) {
     std::vector<std::size_t> order(livers.size());
     std::iota(order.begin(), order.end(), std::size_t{0});
-    std::sort(order.begin(), order.end(), [&](auto a, auto b) {
-        return signed_volume(livers[a].surface) < signed_volume(livers[b].surface);
-    });
+    std::sort(order.begin(), order.end(),
+              [&](auto a, auto b) { return signed_volume(livers[a].surface) < signed_volume(livers[b].surface); });
     return order[order.size() / 2];
 }
 
 }  // namespace
 
 const AtlasLigament* LigamentAtlas::find(const std::string& name) const {
-    const auto found =
-        std::find_if(ligaments.begin(), ligaments.end(), [&](const auto& l) { return l.name == name; });
+    const auto found = std::find_if(ligaments.begin(), ligaments.end(), [&](const auto& l) { return l.name == name; });
     return found == ligaments.end() ? nullptr : &*found;
 }
 
@@ -154,8 +150,7 @@ TriangleSurface subdivided(const TriangleSurface& s) {
     TriangleSurface out;
     std::vector<Vector3d> added;
     const auto middle_of = [&](std::int32_t a, std::int32_t b) {
-        const auto next =
-            static_cast<std::int32_t>(s.num_vertices()) + static_cast<std::int32_t>(added.size());
+        const auto next = static_cast<std::int32_t>(s.num_vertices()) + static_cast<std::int32_t>(added.size());
         const auto [entry, is_new] = middle.try_emplace(std::minmax(a, b), next);
         if (is_new) added.push_back(0.5 * (s.V.col(a) + s.V.col(b)));
         return entry->second;
@@ -168,8 +163,7 @@ TriangleSurface subdivided(const TriangleSurface& s) {
     }
     out.V.resize(3, s.num_vertices() + static_cast<Index>(added.size()));
     out.V.leftCols(s.num_vertices()) = s.V;
-    for (std::size_t k = 0; k < added.size(); ++k)
-        out.V.col(s.num_vertices() + static_cast<Index>(k)) = added[k];
+    for (std::size_t k = 0; k < added.size(); ++k) out.V.col(s.num_vertices() + static_cast<Index>(k)) = added[k];
     return out;
 }
 
@@ -187,13 +181,12 @@ Result<AtlasBuild> build_atlas(const std::vector<AnnotatedLiver>& livers, const 
         Matrix3Xd sum = Matrix3Xd::Zero(3, shape.num_vertices());
         std::vector<Registration> registrations;
         for (const AnnotatedLiver& liver : livers) {
-            registrations.push_back(register_shape(shape, liver.surface,
-                                                   align(shape, liver.surface, upright_starts()).similarity));
+            registrations.push_back(
+                register_shape(shape, liver.surface, align(shape, liver.surface, upright_starts()).similarity));
             sum += registrations.back().similarity.inverse(registrations.back().X);
             if (registrations.back().rms_m > kWorstFit_m)
-                return not_usable(
-                    liver.name + ": the common shape stays " + to_text(1e3 * registrations.back().rms_m) +
-                    " mm away from the surface, at most " + to_text(1e3 * kWorstFit_m) + " are accepted");
+                return not_usable(liver.name + ": the common shape stays " + to_text(1e3 * registrations.back().rms_m) +
+                                  " mm away from the surface, at most " + to_text(1e3 * kWorstFit_m) + " are accepted");
             done();
         }
         if (round == 0) {
@@ -286,11 +279,11 @@ Result<Transfer> transfer_atlas(const LigamentAtlas& atlas, const AtlasLigament&
     if (mirrored_rms < kTurnedMargin * upright.rms_m) return explain("mirrored", mirrored_rms);
 
     if (upright.similarity.rotation_rad() > kLargestTurn_rad)
-        return explain(("turned by " +
-                        to_text(std::round(upright.similarity.rotation_rad() * 180.0 / std::numbers::pi)) +
-                        " degrees or mirrored")
-                           .c_str(),
-                       upright.rms_m);
+        return explain(
+            ("turned by " + to_text(std::round(upright.similarity.rotation_rad() * 180.0 / std::numbers::pi)) +
+             " degrees or mirrored")
+                .c_str(),
+            upright.rms_m);
 
     const Registration registration = register_shape(atlas.shape, surface, upright.similarity);
     if (registration.rms_m > kWorstFit_m)

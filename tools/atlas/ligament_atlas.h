@@ -50,8 +50,8 @@ TriangleSurface subdivided(const TriangleSurface& surface);
 struct CarriedLiver {
     Registration registration;
     std::map<std::string, std::vector<Eigen::Vector3d>> marks;  ///< on the common shape
-    Eigen::SparseMatrix<double> to_nodes;  ///< values at `fine` -> values at the liver's vertices
-    Eigen::VectorXd area;                  ///< of the liver's vertices [m^2]
+    Eigen::SparseMatrix<double> to_nodes;                       ///< values at `fine` -> values at the liver's vertices
+    Eigen::VectorXd area;                                       ///< of the liver's vertices [m^2]
 };
 struct AtlasBuild {
     LigamentAtlas atlas;

@@ -87,15 +87,13 @@ std::vector<Matrix3d> upright_starts() {
             for (int z = -1; z <= 1; ++z) {
                 const Vector3d axis(x, y, z);
                 if (axis.squaredNorm() > 2.0) continue;
-                starts.push_back(axis.isZero()
-                                     ? Matrix3d(Matrix3d::Identity())
-                                     : Eigen::AngleAxisd(kTilt_rad, axis.normalized()).toRotationMatrix());
+                starts.push_back(axis.isZero() ? Matrix3d(Matrix3d::Identity())
+                                               : Eigen::AngleAxisd(kTilt_rad, axis.normalized()).toRotationMatrix());
             }
     return starts;
 }
 
-AlignedStart align(const TriangleSurface& shape, const TriangleSurface& target,
-                   const std::vector<Matrix3d>& starts) {
+AlignedStart align(const TriangleSurface& shape, const TriangleSurface& target, const std::vector<Matrix3d>& starts) {
     const NearestPoint near_shape(shape.V), near_target(target.V);
     const double scale = std::cbrt(std::abs(signed_volume(target) / signed_volume(shape)));
     const Vector3d from = area_centroid(shape), to = area_centroid(target);
@@ -104,8 +102,7 @@ AlignedStart align(const TriangleSurface& shape, const TriangleSurface& target,
     for (const Matrix3d& R : starts) {
         AlignedStart tried{{R, scale, to - scale * R * from}, 0.0};
         for (int i = 0; i < 12; ++i)
-            tried.rms_m =
-                closest_point_step(shape.V, target.V, near_shape, near_target, 120, tried.similarity);
+            tried.rms_m = closest_point_step(shape.V, target.V, near_shape, near_target, 120, tried.similarity);
         if (tried.rms_m < best.rms_m) best = tried;
     }
     for (int i = 0; i < 30; ++i)
@@ -113,8 +110,8 @@ AlignedStart align(const TriangleSurface& shape, const TriangleSurface& target,
     return best;
 }
 
-Registration register_shape(const TriangleSurface& shape, const TriangleSurface& target,
-                            const Similarity& start, const RegistrationSettings& settings) {
+Registration register_shape(const TriangleSurface& shape, const TriangleSurface& target, const Similarity& start,
+                            const RegistrationSettings& settings) {
     const Index n = shape.num_vertices();
     const ClosestPointSearch on_target(target);
     const Matrix3Xd target_normal = vertex_normals(target);
@@ -153,8 +150,7 @@ Registration register_shape(const TriangleSurface& shape, const TriangleSurface&
                 pull_squares += c.distance * c.distance / static_cast<double>(pull.cols());
                 const auto& f = moved.F[c.face];
                 Vector3d m = Vector3d::Zero();
-                for (int k = 0; k < 3; ++k)
-                    m += c.barycentric[k] * normal.col(f[static_cast<std::size_t>(k)]);
+                for (int k = 0; k < 3; ++k) m += c.barycentric[k] * normal.col(f[static_cast<std::size_t>(k)]);
                 if (m.dot(target_normal.col(j * pull_stride)) < kLeastCosine) continue;
                 const double weight = static_cast<double>(n) / static_cast<double>(pull.cols());
                 for (int a = 0; a < 3; ++a) {

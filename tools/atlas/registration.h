@@ -48,7 +48,7 @@ AlignedStart align(const TriangleSurface& shape, const TriangleSurface& target,
 /// Upright within 30 degrees and a little more: identity and +-25 degrees about each axis and pairs of axes.
 std::vector<Eigen::Matrix3d> upright_starts();
 
-Registration register_shape(const TriangleSurface& shape, const TriangleSurface& target,
-                            const Similarity& start, const RegistrationSettings& settings = {});
+Registration register_shape(const TriangleSurface& shape, const TriangleSurface& target, const Similarity& start,
+                            const RegistrationSettings& settings = {});
 
 }  // namespace teres

@@ -44,8 +44,8 @@ TriangleSurface simplified(const TriangleSurface& surface, Index num_vertices) {
         const auto a = static_cast<std::size_t>(e.a), b = static_cast<std::size_t>(e.b);
         if (around[a].empty() || around[b].empty() || stamp[a] + stamp[b] != e.stamps) continue;
         std::vector<std::int32_t> shared;
-        std::set_intersection(neighbour[a].begin(), neighbour[a].end(), neighbour[b].begin(),
-                              neighbour[b].end(), std::back_inserter(shared));
+        std::set_intersection(neighbour[a].begin(), neighbour[a].end(), neighbour[b].begin(), neighbour[b].end(),
+                              std::back_inserter(shared));
         if (shared.size() != 2) continue;
         V.col(e.a) = 0.5 * (V.col(e.a) + V.col(e.b));
         for (const auto f : std::set<std::int32_t>(around[b])) {
@@ -81,8 +81,7 @@ TriangleSurface simplified(const TriangleSurface& surface, Index num_vertices) {
     out.V.conservativeResize(3, next);
     for (std::size_t f = 0; f < faces.size(); ++f)
         if (around[static_cast<std::size_t>(faces[f][0])].contains(static_cast<std::int32_t>(f)))
-            out.F.push_back({index[static_cast<std::size_t>(faces[f][0])],
-                             index[static_cast<std::size_t>(faces[f][1])],
+            out.F.push_back({index[static_cast<std::size_t>(faces[f][0])], index[static_cast<std::size_t>(faces[f][1])],
                              index[static_cast<std::size_t>(faces[f][2])]});
     return out;
 }

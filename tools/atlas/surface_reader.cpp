@@ -21,8 +21,7 @@ std::string lower(std::string_view word) {
 
 class SurfaceParser {
   public:
-    SurfaceParser(std::string_view text, std::string name)
-        : text_(text), cursor_(text), name_(std::move(name)) {}
+    SurfaceParser(std::string_view text, std::string name) : text_(text), cursor_(text), name_(std::move(name)) {}
 
     Result<TriangleSurface> parse(const std::string& extension, double unit_m) {
         if (extension == ".obj") {
@@ -34,8 +33,7 @@ class SurfaceParser {
         } else if (extension == ".vtk") {
             TERES_TRY(vtk());
         } else {
-            return invalid_input(name_ + ": '" + extension +
-                                 "' is not a surface, expected .obj, .stl, .ply or .vtk");
+            return invalid_input(name_ + ": '" + extension + "' is not a surface, expected .obj, .stl, .ply or .vtk");
         }
         return finish(unit_m);
     }
@@ -51,8 +49,7 @@ class SurfaceParser {
     }
     Result<double> number(std::string_view text) const {
         const auto value = parse_number(text);
-        if (!value || !std::isfinite(*value))
-            return wrong(in_quotes(text) + ", expected a finite coordinate");
+        if (!value || !std::isfinite(*value)) return wrong(in_quotes(text) + ", expected a finite coordinate");
         return *value;
     }
     Result<double> number() {
@@ -74,8 +71,7 @@ class SurfaceParser {
     }
     // Fans a polygon of 0-based indices into triangles.
     Status add_face(const std::vector<std::int64_t>& face) {
-        if (face.size() < 3)
-            return wrong("a face of " + std::to_string(face.size()) + " corners, expected at least 3");
+        if (face.size() < 3) return wrong("a face of " + std::to_string(face.size()) + " corners, expected at least 3");
         for (const auto i : face)
             if (i < 0 || i >= static_cast<std::int64_t>(vertices_.size()))
                 return wrong("vertex " + std::to_string(i) + " of a face does not exist, there are " +
@@ -103,8 +99,8 @@ class SurfaceParser {
                 std::vector<std::int64_t> face;
                 while (const auto text = words.next_word()) {
                     TERES_TRY(corner(*text, face));
-                    face.back() = face.back() < 0 ? face.back() + static_cast<std::int64_t>(vertices_.size())
-                                                  : face.back() - 1;
+                    face.back() =
+                        face.back() < 0 ? face.back() + static_cast<std::int64_t>(vertices_.size()) : face.back() - 1;
                 }
                 TERES_TRY(add_face(face));
             }
@@ -149,8 +145,7 @@ class SurfaceParser {
                 std::array<float, 3> v{};
                 std::memcpy(v.data(), text_.data() + 84 + 50 * std::size_t{i} + 12 * (k + 1), 12);
                 const Vector3d p(v[0], v[1], v[2]);
-                if (!p.allFinite())
-                    return invalid_input(name_ + ": facet " + std::to_string(i) + " is not finite");
+                if (!p.allFinite()) return invalid_input(name_ + ": facet " + std::to_string(i) + " is not finite");
                 add_soup_corner(p);
             }
         return {};
@@ -215,15 +210,13 @@ class SurfaceParser {
                 continue;
             }
             TERES_TRY_ASSIGN(const double n, ply_number(p.list_type));
-            if (!(n >= 0.0) || n > static_cast<double>(text_.size()))
-                return wrong("length of a list out of range");
+            if (!(n >= 0.0) || n > static_cast<double>(text_.size())) return wrong("length of a list out of range");
             std::vector<std::int64_t> face;
             for (int i = 0; i < static_cast<int>(n); ++i) {
                 TERES_TRY_ASSIGN(const double index, ply_number(p.type));
                 face.push_back(static_cast<std::int64_t>(index));
             }
-            if (e.name == "face" && (p.name == "vertex_indices" || p.name == "vertex_index"))
-                TERES_TRY(add_face(face));
+            if (e.name == "face" && (p.name == "vertex_indices" || p.name == "vertex_index")) TERES_TRY(add_face(face));
         }
         if (e.name == "vertex") {
             if (!v.allFinite()) return wrong("vertex " + std::to_string(vertices_.size()) + " is not finite");
@@ -259,8 +252,7 @@ class SurfaceParser {
             if (key == "binary") return wrong("binary VTK is not read, expected ASCII");
             if (key == "dataset") {
                 TERES_TRY_ASSIGN(const std::string_view set, word("POLYDATA"));
-                if (lower(set) != "polydata")
-                    return wrong(in_quotes(set) + ", expected POLYDATA: a triangle surface");
+                if (lower(set) != "polydata") return wrong(in_quotes(set) + ", expected POLYDATA: a triangle surface");
             } else if (key == "points") {
                 TERES_TRY_ASSIGN(const std::size_t n, count("points", 6));
                 TERES_TRY(word("a type"));
@@ -322,8 +314,7 @@ class SurfaceParser {
             for (const auto v : face)
                 if (static_cast<std::size_t>(v) >= vertices_.size())
                     return invalid_input(name_ + ": vertex " + std::to_string(v) +
-                                         " of a face does not exist, there are " +
-                                         std::to_string(vertices_.size()));
+                                         " of a face does not exist, there are " + std::to_string(vertices_.size()));
         TriangleSurface s;
         s.F = std::move(faces_);
         s.V.resize(3, static_cast<Eigen::Index>(vertices_.size()));

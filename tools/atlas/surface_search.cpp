@@ -14,8 +14,7 @@ namespace {
 // Ericson, Real-Time Collision Detection, section 5.1.5: regions of the triangle's Voronoi diagram.
 Vector3d closest_barycentric(const Vector3d& p, const Vector3d& a, const Vector3d& b, const Vector3d& c) {
     const Vector3d ab = b - a, ac = c - a, ap = p - a, bp = p - b, cp = p - c;
-    const double d1 = ab.dot(ap), d2 = ac.dot(ap), d3 = ab.dot(bp), d4 = ac.dot(bp), d5 = ab.dot(cp),
-                 d6 = ac.dot(cp);
+    const double d1 = ab.dot(ap), d2 = ac.dot(ap), d3 = ab.dot(bp), d4 = ac.dot(bp), d5 = ab.dot(cp), d6 = ac.dot(cp);
     if (d1 <= 0.0 && d2 <= 0.0) return {1.0, 0.0, 0.0};
     if (d3 >= 0.0 && d4 <= d3) return {0.0, 1.0, 0.0};
     if (d6 >= 0.0 && d5 <= d6) return {0.0, 0.0, 1.0};
@@ -41,8 +40,7 @@ struct NearestPoint::Tree {
     bool kdtree_get_bbox(Box&) const {
         return false;
     }
-    using Index =
-        nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Tree>, Tree, 3, std::size_t>;
+    using Index = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Tree>, Tree, 3, std::size_t>;
     std::unique_ptr<Index> index;
 };
 
@@ -75,8 +73,8 @@ ClosestPointSearch::ClosestPointSearch(const TriangleSurface& surface)
     : surface_(surface), centre_(triangle_centres(surface)), near_(centre_) {
     for (std::size_t f = 0; f < surface.F.size(); ++f)
         for (int k = 0; k < 3; ++k)
-            largest_radius_ = std::max(
-                largest_radius_, (surface.corner(f, k) - centre_.col(static_cast<Eigen::Index>(f))).norm());
+            largest_radius_ =
+                std::max(largest_radius_, (surface.corner(f, k) - centre_.col(static_cast<Eigen::Index>(f))).norm());
 }
 
 ClosestPoint ClosestPointSearch::closest(const Vector3d& query) const {
@@ -92,16 +90,14 @@ ClosestPoint ClosestPointSearch::closest(const Vector3d& query) const {
     constexpr std::size_t kFirst = 8;
     std::array<std::size_t, kFirst> near{};
     std::array<double, kFirst> squared{};
-    const std::size_t found =
-        near_.tree_->index->knnSearch(query.data(), kFirst, near.data(), squared.data());
+    const std::size_t found = near_.tree_->index->knnSearch(query.data(), kFirst, near.data(), squared.data());
     for (std::size_t i = 0; i < found; ++i) look_at(near[i]);
     // A closer triangle has its centre within best + radius; most often the first eight already reach that
     // far.
     const double reach = best.distance + largest_radius_;
     if (found == kFirst && squared[kFirst - 1] < reach * reach) {
         std::vector<std::pair<std::size_t, double>> more;
-        near_.tree_->index->radiusSearch(query.data(), reach * reach, more,
-                                         nanoflann::SearchParams(32, 0.0F, false));
+        near_.tree_->index->radiusSearch(query.data(), reach * reach, more, nanoflann::SearchParams(32, 0.0F, false));
         for (const auto& [f, d] : more) look_at(f);
     }
     return best;
@@ -129,16 +125,14 @@ std::optional<std::pair<std::size_t, std::size_t>> ClosestPointSearch::self_inte
         for (int k = 0; k < 3; ++k) radius = std::max(radius, (s.corner(f, k) - c).norm());
         const double reach = radius + largest_radius_;
         std::vector<std::pair<std::size_t, double>> near;
-        near_.tree_->index->radiusSearch(c.data(), reach * reach, near,
-                                         nanoflann::SearchParams(32, 0.0F, false));
+        near_.tree_->index->radiusSearch(c.data(), reach * reach, near, nanoflann::SearchParams(32, 0.0F, false));
         for (const auto& [g, squared] : near) {
             const bool touch = std::any_of(s.F[f].begin(), s.F[f].end(), [&, g = g](auto v) {
                 return std::find(s.F[g].begin(), s.F[g].end(), v) != s.F[g].end();
             });
             if (g == f || touch) continue;
             for (int k = 0; k < 3; ++k)
-                if (crosses(s.corner(f, k), s.corner(f, (k + 1) % 3), s.corner(g, 0), s.corner(g, 1),
-                            s.corner(g, 2)))
+                if (crosses(s.corner(f, k), s.corner(f, (k + 1) % 3), s.corner(g, 0), s.corner(g, 1), s.corner(g, 2)))
                     return std::pair{f, g};
         }
     }

@@ -88,8 +88,7 @@ SurfaceDefects find_defects(const TriangleSurface& s) {
             const auto a = s.F[f][k], b = s.F[f][(k + 1) % 3];
             used[static_cast<std::size_t>(a)] = true;
             (a < b ? edges[{a, b}].forward : edges[{b, a}].backward) += 1;
-            parent[root_of(parent, static_cast<std::size_t>(a))] =
-                root_of(parent, static_cast<std::size_t>(b));
+            parent[root_of(parent, static_cast<std::size_t>(a))] = root_of(parent, static_cast<std::size_t>(b));
         }
     }
     std::vector<std::size_t> border_vertices;
@@ -121,10 +120,10 @@ Status check_closed(TriangleSurface& s, const std::string& name, double unit_m) 
         return invalid_input(name + ": " + std::to_string(s.F.size()) + " triangles, expected at least 4");
     const SurfaceDefects d = find_defects(s);
     if (d.num_components != 1)
-        return invalid_input(name + ": the surface falls into " + std::to_string(d.num_components) +
-                             " components of " + std::to_string(d.component_triangles[0]) + ", " +
-                             std::to_string(d.component_triangles[1]) +
-                             (d.num_components > 2 ? ", ..." : "") + " triangles, expected 1");
+        return invalid_input(name + ": the surface falls into " + std::to_string(d.num_components) + " components of " +
+                             std::to_string(d.component_triangles[0]) + ", " +
+                             std::to_string(d.component_triangles[1]) + (d.num_components > 2 ? ", ..." : "") +
+                             " triangles, expected 1");
     if (d.num_border_edges > 0)
         return invalid_input(name + ": the surface is open: " + std::to_string(d.num_holes) + " hole(s), " +
                              std::to_string(d.num_border_edges) + " border edges, the first at " +
@@ -160,8 +159,7 @@ std::size_t fill_small_holes(TriangleSurface& s, std::size_t max_edges) {
         const auto centre = static_cast<std::int32_t>(s.num_vertices());
         s.V.conservativeResize(3, centre + 1);
         s.V.col(centre) = middle;
-        for (std::size_t k = 0; k < loop.size(); ++k)
-            s.F.push_back({loop[k], loop[(k + 1) % loop.size()], centre});
+        for (std::size_t k = 0; k < loop.size(); ++k) s.F.push_back({loop[k], loop[(k + 1) % loop.size()], centre});
         ++filled;
     }
     return filled;
@@ -177,8 +175,8 @@ Status write_obj(const TriangleSurface& s, const std::filesystem::path& file, co
         text += line;
     }
     for (const auto& f : s.F)
-        text += "f " + std::to_string(f[0] + 1) + " " + std::to_string(f[1] + 1) + " " +
-                std::to_string(f[2] + 1) + "\n";
+        text +=
+            "f " + std::to_string(f[0] + 1) + " " + std::to_string(f[1] + 1) + " " + std::to_string(f[2] + 1) + "\n";
     return write_text_file(file, text);
 }
 

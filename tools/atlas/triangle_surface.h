@@ -24,9 +24,7 @@ struct TriangleSurface {
     std::vector<std::array<std::int32_t, 3>> F;  ///< counter-clockwise seen from outside
 
     Eigen::Index num_vertices() const { return V.cols(); }
-    Eigen::Vector3d corner(std::size_t face, int k) const {
-        return V.col(F[face][static_cast<std::size_t>(k)]);
-    }
+    Eigen::Vector3d corner(std::size_t face, int k) const { return V.col(F[face][static_cast<std::size_t>(k)]); }
 };
 
 /// metres per unit of "m", "cm" or "mm". Errors: kInvalidInput for any other word.
@@ -37,8 +35,8 @@ Result<double> unit_in_m(std::string_view unit);
 /// Errors (kInvalidInput): unreadable or malformed file (with line), index out of range, non-finite
 /// coordinate.
 Result<TriangleSurface> read_surface(const std::filesystem::path& file, double unit_m);
-Status write_obj(const TriangleSurface& surface, const std::filesystem::path& file,
-                 const std::string& comment, double unit_m);
+Status write_obj(const TriangleSurface& surface, const std::filesystem::path& file, const std::string& comment,
+                 double unit_m);
 
 /// Edge lists and what is wrong with the topology, each with a place [m].
 struct SurfaceDefects {

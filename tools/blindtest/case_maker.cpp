@@ -38,7 +38,8 @@ double rms(const Frames& a) {
 std::vector<PositionSample> samples(const Frames& frames, std::span<const MarkerRest> ids, double dt_s) {
     std::vector<PositionSample> out;
     for (std::size_t k = 0; k < frames.size(); ++k)
-        for (std::size_t m = 0; m < ids.size(); ++m) out.push_back({static_cast<double>(k) * dt_s, ids[m].id, frames[k][m]});
+        for (std::size_t m = 0; m < ids.size(); ++m)
+            out.push_back({static_cast<double>(k) * dt_s, ids[m].id, frames[k][m]});
     return out;
 }
 
@@ -66,9 +67,13 @@ Frames observe(const SensorState& state, const Case& nominal, Random& random) {
 
 Json to_json(const EffectTruth& truth) {
     const EffectKind& kind = *find_effect(truth.id);
-    return {{"id", truth.id}, {"kind", kind.kind}, {"event", kind.event},
-            {"center_m", truth.center_m ? Json(*truth.center_m) : Json(nullptr)}, {"radius_m", truth.radius_m},
-            {"onset_s", truth.onset_s ? Json(*truth.onset_s) : Json(nullptr)}, {"markers", truth.markers},
+    return {{"id", truth.id},
+            {"kind", kind.kind},
+            {"event", kind.event},
+            {"center_m", truth.center_m ? Json(*truth.center_m) : Json(nullptr)},
+            {"radius_m", truth.radius_m},
+            {"onset_s", truth.onset_s ? Json(*truth.onset_s) : Json(nullptr)},
+            {"markers", truth.markers},
             {"parameters", truth.parameters}};
 }
 
@@ -127,7 +132,12 @@ Result<CaseMaker::Outcome> CaseMaker::make(const CaseSpec& spec) {
         reason = made.error().text;
     }
     fs::create_directories(label.parent_path());
-    TERES_TRY(write_text_file(label, Json{{"case", spec.name}, {"discarded", true}, {"intended", spec.effects}, {"reason", reason.substr(reason.size() > 300 ? reason.size() - 300 : 0)}}.dump(1) + "\n"));
+    TERES_TRY(write_text_file(label, Json{{"case", spec.name},
+                                          {"discarded", true},
+                                          {"intended", spec.effects},
+                                          {"reason", reason.substr(reason.size() > 300 ? reason.size() - 300 : 0)}}
+                                             .dump(1) +
+                                         "\n"));
     return Outcome::kDiscarded;
 }
 
@@ -150,17 +160,20 @@ Status CaseMaker::make_once(const CaseSpec& spec, const Patient& patient, int at
     }
     SensorState sensor{motion.markers, 1.0, 0.0};
     for (const std::string& id : spec.effects)
-        if (std::string(find_effect(id)->kind) == "sensor") truths.push_back(draw_sensor(id, random, body.nominal(), sensor));
+        if (std::string(find_effect(id)->kind) == "sensor")
+            truths.push_back(draw_sensor(id, random, body.nominal(), sensor));
 
     Case nominal = body.nominal();
     nominal.name = spec.name;
-    for (const PositionSample& sample : samples(observe(sensor, nominal, random), nominal.markers, nominal.dt_s)) nominal.observations.push_back(sample);
+    for (const PositionSample& sample : samples(observe(sensor, nominal, random), nominal.markers, nominal.dt_s))
+        nominal.observations.push_back(sample);
 
     std::vector<Frames> explained;
-    for (const Motion& change : patient.ligament_changes) explained.push_back(difference(change.markers, patient.control.markers));
+    for (const Motion& change : patient.ligament_changes)
+        explained.push_back(difference(change.markers, patient.control.markers));
     const Frames seen_gap = difference(sensor.seen, patient.control.markers);
-    Json label{{"case", spec.name}, {"draw", spec.draw}, {"seed", seed_}, {"clamped", spec.clamped}, {"dynamic", spec.dynamic},
-               {"effects", Json::array()}};
+    Json label{{"case", spec.name},       {"draw", spec.draw},       {"seed", seed_},
+               {"clamped", spec.clamped}, {"dynamic", spec.dynamic}, {"effects", Json::array()}};
     for (const EffectTruth& truth : truths) label["effects"].push_back(to_json(truth));
     Frames rest = patient.control.markers;
     for (auto& frame : rest)
@@ -171,8 +184,10 @@ Status CaseMaker::make_once(const CaseSpec& spec, const Patient& patient, int at
     label["motion_rms_mm"] = 1e3 * rms(difference(patient.control.markers, rest));
     label["noise_factor"] = sensor.noise_factor;
     label["body_law"] = static_cast<int>(body.control().body.law);
-    label["ligament"] = {{"youngs_modulus_pa", body.true_band().youngs_modulus_pa}, {"x0_m", body.true_band().x0_m},
-                         {"width_m", body.true_band().width_m}, {"theta_deg", {body.true_band().theta0_deg, body.true_band().theta1_deg}}};
+    label["ligament"] = {{"youngs_modulus_pa", body.true_band().youngs_modulus_pa},
+                         {"x0_m", body.true_band().x0_m},
+                         {"width_m", body.true_band().width_m},
+                         {"theta_deg", {body.true_band().theta0_deg, body.true_band().theta1_deg}}};
     label["attempts"] = attempt + 1;
 
     const fs::path sealed = out_ / "sealed" / spec.name;
@@ -180,13 +195,16 @@ Status CaseMaker::make_once(const CaseSpec& spec, const Patient& patient, int at
     fs::create_directories(sealed, failed);
     if (failed) return host_fault(sealed.string() + ": " + failed.message());
     TERES_TRY(write_case(nominal, out_ / "cases" / spec.name));
-    TERES_TRY(write_positions(sealed / "validation.csv", "point_id", samples(motion.points, nominal.validation_rest, nominal.dt_s)));
-    TERES_TRY(write_positions(sealed / "markers.csv", "marker_id", samples(motion.markers, nominal.markers, nominal.dt_s)));
+    TERES_TRY(write_positions(sealed / "validation.csv", "point_id",
+                              samples(motion.points, nominal.validation_rest, nominal.dt_s)));
+    TERES_TRY(
+        write_positions(sealed / "markers.csv", "marker_id", samples(motion.markers, nominal.markers, nominal.dt_s)));
     return write_text_file(sealed / "label.json", label.dump(1) + "\n");
 }
 
 std::string sha256(const std::string& bytes) {
-    char* text = g_compute_checksum_for_data(G_CHECKSUM_SHA256, reinterpret_cast<const guchar*>(bytes.data()), bytes.size());
+    char* text =
+        g_compute_checksum_for_data(G_CHECKSUM_SHA256, reinterpret_cast<const guchar*>(bytes.data()), bytes.size());
     std::string hash = text;
     g_free(text);
     return hash;

@@ -1,5 +1,6 @@
-// Makes sealed cases: cases/<name>/ is all that a diagnosis may see, sealed/<name>/ holds label.json, the true motion of the
-// points (validation.csv) and of the markers (markers.csv). The seal is the SHA-256 of a list of SHA-256 sums of sealed/.
+// Makes sealed cases: cases/<name>/ is all that a diagnosis may see, sealed/<name>/ holds label.json, the true motion
+// of the points (validation.csv) and of the markers (markers.csv). The seal is the SHA-256 of a list of SHA-256 sums of
+// sealed/.
 #pragma once
 
 #include <filesystem>

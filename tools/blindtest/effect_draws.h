@@ -1,5 +1,5 @@
-// The effects of the catalogue as CalculiX or a camera makes them, drawn at random: other forms than the diagnoser's own
-// (sharp ellipsoid, slab cut, spring bed, breathing curve, pulse with harmonic, wavy depth bias, ...).
+// The effects of the catalogue as CalculiX or a camera makes them, drawn at random: other forms than the diagnoser's
+// own (sharp ellipsoid, slab cut, spring bed, breathing curve, pulse with harmonic, wavy depth bias, ...).
 #pragma once
 
 #include <filesystem>
@@ -33,8 +33,8 @@ struct EffectKind {
 const std::vector<EffectKind>& effect_kinds();
 const EffectKind* find_effect(const std::string& id);
 
-/// Draws a mechanical effect (not "sensor") into the scenario. Sizes of load-like effects are drawn as rms displacement of
-/// the markers and found by a linear solution. Errors: of CalculiX; kNotUsable: no place was found.
+/// Draws a mechanical effect (not "sensor") into the scenario. Sizes of load-like effects are drawn as rms displacement
+/// of the markers and found by a linear solution. Errors: of CalculiX; kNotUsable: no place was found.
 Result<EffectTruth> draw_mechanics(const std::string& id, Random& random, const TruthBody& body, Scenario& scenario,
                                    const std::filesystem::path& scratch);
 

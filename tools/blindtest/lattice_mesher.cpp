@@ -67,7 +67,8 @@ TetMeshData lattice(const LatticeOptions& o) {
                         ring[r] = corner(at[0], at[1], at[2]);
                     }
                     for (std::size_t r = 0; r < 4; ++r)
-                        mesh.tets.push_back({centre(i, j, k), centre(next[0], next[1], next[2]), ring[r], ring[(r + 1) % 4]});
+                        mesh.tets.push_back(
+                            {centre(i, j, k), centre(next[0], next[1], next[2]), ring[r], ring[(r + 1) % 4]});
                 }
     return mesh;
 }
@@ -92,13 +93,30 @@ class Clipper {
             const auto c = [&](std::size_t i, std::size_t o) { return cut(inner[i], outer[o]); };
             const std::size_t shape = 10 * outer.size() + on.size();
             switch (shape) {
-                case 0: case 1: case 2: case 3: kept.push_back(tet); break;
-                case 10: add_prism({inner[0], inner[1], inner[2]}, {c(0, 0), c(1, 0), c(2, 0)}, kept); break;
-                case 11: add_pyramid({inner[0], inner[1], c(1, 0), c(0, 0)}, on[0], kept); break;
-                case 12: kept.push_back({inner[0], on[0], on[1], c(0, 0)}); break;
-                case 20: add_prism({inner[0], c(0, 0), c(0, 1)}, {inner[1], c(1, 0), c(1, 1)}, kept); break;
-                case 21: kept.push_back({inner[0], on[0], c(0, 0), c(0, 1)}); break;
-                default: kept.push_back({inner[0], c(0, 0), c(0, 1), c(0, 2)}); break;  // 30
+                case 0:
+                case 1:
+                case 2:
+                case 3:
+                    kept.push_back(tet);
+                    break;
+                case 10:
+                    add_prism({inner[0], inner[1], inner[2]}, {c(0, 0), c(1, 0), c(2, 0)}, kept);
+                    break;
+                case 11:
+                    add_pyramid({inner[0], inner[1], c(1, 0), c(0, 0)}, on[0], kept);
+                    break;
+                case 12:
+                    kept.push_back({inner[0], on[0], on[1], c(0, 0)});
+                    break;
+                case 20:
+                    add_prism({inner[0], c(0, 0), c(0, 1)}, {inner[1], c(1, 0), c(1, 1)}, kept);
+                    break;
+                case 21:
+                    kept.push_back({inner[0], on[0], c(0, 0), c(0, 1)});
+                    break;
+                default:
+                    kept.push_back({inner[0], c(0, 0), c(0, 1), c(0, 2)});
+                    break;  // 30
             }
         }
         return kept;
@@ -143,7 +161,8 @@ class Clipper {
     }
 
     std::int32_t cut(std::int32_t inner, std::int32_t outer) {
-        const auto [found, fresh] = cuts_.try_emplace(sorted_edge(inner, outer), static_cast<std::int32_t>(in_.nodes.size()));
+        const auto [found, fresh] =
+            cuts_.try_emplace(sorted_edge(inner, outer), static_cast<std::int32_t>(in_.nodes.size()));
         if (fresh) {
             const Point a = node(inner), b = node(outer);
             in_.nodes.push_back(plus(a, times(crossing(a, b), minus(b, a))));
@@ -202,7 +221,8 @@ TetMeshData largest_piece(const std::vector<Point>& nodes, std::vector<Tet> tets
         }
     std::map<std::size_t, std::size_t> size;
     for (std::size_t t = 0; t < tets.size(); ++t) ++size[root(t)];
-    const auto largest = std::max_element(size.begin(), size.end(), [](auto& a, auto& b) { return a.second < b.second; });
+    const auto largest =
+        std::max_element(size.begin(), size.end(), [](auto& a, auto& b) { return a.second < b.second; });
     TetMeshData mesh;
     std::map<std::int32_t, std::int32_t> renumber;
     for (std::size_t t = 0; t < tets.size(); ++t) {
@@ -224,7 +244,8 @@ double quality(const TetMeshData& mesh, std::size_t tet) {
     return radius_ratio(p(0), p(1), p(2), p(3));
 }
 
-// Hill climbing: nodes of bad tetrahedra move to raise the worst quality around them; surface nodes stay on the surface.
+// Hill climbing: nodes of bad tetrahedra move to raise the worst quality around them; surface nodes stay on the
+// surface.
 void improve(TetMeshData& mesh, const Level& level) {
     constexpr double kGood = 0.35;
     constexpr int kRounds = 30, kTries = 8;
@@ -275,8 +296,10 @@ double radius_ratio(const Point& a, const Point& b, const Point& c, const Point&
     const Point u = minus(b, a), v = minus(c, a), w = minus(d, a);
     const double six_volume = std::abs(dot(u, cross(v, w)));
     if (six_volume == 0.0) return 0.0;
-    const double area = 0.5 * (norm(cross(u, v)) + norm(cross(v, w)) + norm(cross(w, u)) + norm(cross(minus(v, u), minus(w, u))));
-    const Point centre = plus(plus(times(dot(u, u), cross(v, w)), times(dot(v, v), cross(w, u))), times(dot(w, w), cross(u, v)));
+    const double area =
+        0.5 * (norm(cross(u, v)) + norm(cross(v, w)) + norm(cross(w, u)) + norm(cross(minus(v, u), minus(w, u))));
+    const Point centre =
+        plus(plus(times(dot(u, u), cross(v, w)), times(dot(v, v), cross(w, u))), times(dot(w, w), cross(u, v)));
     return 3.0 * (0.5 * six_volume / area) * 2.0 * six_volume / norm(centre);
 }
 

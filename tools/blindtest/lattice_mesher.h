@@ -11,8 +11,8 @@
 namespace teres::blindtest {
 
 struct LatticeOptions {
-    Point low_m{}, high_m{};  ///< box that holds the body
-    double cell_m = 0.02;     ///< edge of the lattice's cube; a full tetrahedron has cell^3 / 12
+    Point low_m{}, high_m{};    ///< box that holds the body
+    double cell_m = 0.02;       ///< edge of the lattice's cube; a full tetrahedron has cell^3 / 12
     Point axis{0.0, 0.0, 1.0};  ///< the lattice is turned about this unit axis ...
     double angle_rad = 0.0;     ///< ... by this angle
 };

@@ -31,7 +31,8 @@ struct Draw {
         for (int i = 0; i < 200; ++i) {
             const Point p = surface_point({0.0, 0.0, 0.4}, 1.0);
             const auto clear = [&](const Facets& facets) {
-                return std::all_of(facets.begin(), facets.end(), [&](const Point& f) { return distance(f, p) > 0.035; });
+                return std::all_of(facets.begin(), facets.end(),
+                                   [&](const Point& f) { return distance(f, p) > 0.035; });
             };
             if (p[2] > -0.02 && clear(s.band) && clear(body.clamp())) return p;
         }
@@ -60,13 +61,15 @@ struct Draw {
     }
 };
 
-// One-sided law f = slope * w ln(1 + exp((x - start) / w)): zero well below `start`, a straight line well above. Rounded,
-// because Newton's steps of many springs with a sharp corner chase one another.
+// One-sided law f = slope * w ln(1 + exp((x - start) / w)): zero well below `start`, a straight line well above.
+// Rounded, because Newton's steps of many springs with a sharp corner chase one another.
 std::vector<std::pair<double, double>> one_sided(double start_m, double slope, double sign) {
     constexpr double kWidth = 0.0007;
     std::vector<std::pair<double, double>> table;
-    for (const double x : {-0.1, -0.006, -0.004, -0.003, -0.002, -0.0015, -0.001, -0.0005, 0.0, 0.0005, 0.001, 0.0015, 0.002, 0.003, 0.004, 0.1})
-        table.emplace_back(sign * (start_m + x), sign * slope * (x > 0.01 ? x : kWidth * std::log1p(std::exp(x / kWidth))));
+    for (const double x : {-0.1, -0.006, -0.004, -0.003, -0.002, -0.0015, -0.001, -0.0005, 0.0, 0.0005, 0.001, 0.0015,
+                           0.002, 0.003, 0.004, 0.1})
+        table.emplace_back(sign * (start_m + x),
+                           sign * slope * (x > 0.01 ? x : kWidth * std::log1p(std::exp(x / kWidth))));
     if (sign < 0.0) std::reverse(table.begin(), table.end());
     return table;
 }
@@ -85,13 +88,15 @@ Status inclusion(Draw& d) {  // sharp ellipsoid
     for (int i = 0; i < 50; ++i) {
         const Point rim = d.free_place();
         const Point centre = minus(rim, times(d.random.uniform(0.016, 0.026), d.body.shape().normal(rim)));
-        const Point axes{d.random.uniform(0.018, 0.028), d.random.uniform(0.018, 0.028), d.random.uniform(0.018, 0.028)};
+        const Point axes{d.random.uniform(0.018, 0.028), d.random.uniform(0.018, 0.028),
+                         d.random.uniform(0.018, 0.028)};
         std::vector<char> in(mesh.tets.size(), 0);
         double volume = 0.0;
         Point middle{};
         for (std::size_t t = 0; t < mesh.tets.size(); ++t) {
             Point c{};
-            for (const std::int32_t node : mesh.tets[t]) c = plus(c, times(0.25, mesh.nodes[static_cast<std::size_t>(node)]));
+            for (const std::int32_t node : mesh.tets[t])
+                c = plus(c, times(0.25, mesh.nodes[static_cast<std::size_t>(node)]));
             double q = 0.0;
             for (std::size_t a = 0; a < 3; ++a) q += std::pow((c[a] - centre[a]) / axes[a], 2);
             if (q > 1.0) continue;
@@ -124,8 +129,10 @@ Status material_law(Draw& d) {  // much stiffer when stretched
     d.s.body.law = d.random.chance(0.5) ? Law::kYeoh : Law::kOgden;
     d.s.body.yeoh_c20_pa = d.random.log_uniform(2.0, 12.0) * d.s.body.shear_modulus_pa();
     d.s.body.alpha = d.random.uniform(12.0, 22.0);
-    if (d.s.body.law == Law::kYeoh) d.truth.parameters["c20_over_g"] = d.s.body.yeoh_c20_pa / d.s.body.shear_modulus_pa();
-    else d.truth.parameters["alpha"] = d.s.body.alpha;
+    if (d.s.body.law == Law::kYeoh)
+        d.truth.parameters["c20_over_g"] = d.s.body.yeoh_c20_pa / d.s.body.shear_modulus_pa();
+    else
+        d.truth.parameters["alpha"] = d.s.body.alpha;
     return {};
 }
 
@@ -137,7 +144,8 @@ Status compressibility(Draw& d) {
 
 Status damping(Draw& d) {
     const bool mass = d.random.chance(0.5);
-    (mass ? d.s.body.rayleigh_mass_1_s : d.s.body.rayleigh_stiffness_s) += mass ? d.random.log_uniform(3.0, 15.0) : d.random.log_uniform(0.01, 0.05);
+    (mass ? d.s.body.rayleigh_mass_1_s : d.s.body.rayleigh_stiffness_s) +=
+        mass ? d.random.log_uniform(3.0, 15.0) : d.random.log_uniform(0.01, 0.05);
     d.truth.parameters["rayleigh_mass_1_s"] = d.s.body.rayleigh_mass_1_s;
     d.truth.parameters["rayleigh_stiffness_s"] = d.s.body.rayleigh_stiffness_s;
     return {};
@@ -208,10 +216,12 @@ Status ligament_tear(Draw& d) {
     const auto gone = static_cast<std::ptrdiff_t>(std::ceil(share * static_cast<double>(d.s.band.size())));
     const bool front = d.random.chance(0.5);
     if (static_cast<std::size_t>(gone) >= d.s.band.size()) return not_usable("the tear leaves no ligament");
-    d.s.band_after = front ? Facets(d.s.band.begin() + gone, d.s.band.end()) : Facets(d.s.band.begin(), d.s.band.end() - gone);
+    d.s.band_after =
+        front ? Facets(d.s.band.begin() + gone, d.s.band.end()) : Facets(d.s.band.begin(), d.s.band.end() - gone);
     Point centre{};
     for (std::ptrdiff_t i = 0; i < gone; ++i)
-        centre = plus(centre, times(1.0 / static_cast<double>(gone), front ? d.s.band[static_cast<std::size_t>(i)] : *(d.s.band.end() - 1 - i)));
+        centre = plus(centre, times(1.0 / static_cast<double>(gone),
+                                    front ? d.s.band[static_cast<std::size_t>(i)] : *(d.s.band.end() - 1 - i)));
     d.truth.parameters["share"] = share;
     d.place(centre, 0.02);
     return {};
@@ -280,7 +290,8 @@ Status load_scale(Draw& d) {
     const double gain = 1.0 + d.random.sign() * d.random.uniform(0.15, 0.6);
     const Point axis = d.random.direction();
     const double turn = d.random.uniform(0.0, 0.12);
-    for (auto& forces : d.s.forces_n) forces[region] = times(gain, plus(forces[region], times(turn, cross(axis, forces[region]))));
+    for (auto& forces : d.s.forces_n)
+        forces[region] = times(gain, plus(forces[region], times(turn, cross(axis, forces[region]))));
     d.truth.parameters["region"] = d.body.nominal().load_regions[region].name;
     d.truth.parameters["gain"] = gain;
     d.truth.parameters["turn_rad"] = turn;
@@ -292,7 +303,8 @@ Status unknown_load(Draw& d) {  // a tool that comes, wavers and goes
     const Point centre = d.free_place();
     const double radius = d.random.uniform(0.016, 0.026);
     const Point along = d.random.direction();
-    const double on = d.random.uniform(0.2, 0.5) * d.end_s(), off = d.random.chance(0.5) ? d.end_s() + 1.0 : on + d.random.uniform(0.3, 0.5) * d.end_s();
+    const double on = d.random.uniform(0.2, 0.5) * d.end_s(),
+                 off = d.random.chance(0.5) ? d.end_s() + 1.0 : on + d.random.uniform(0.3, 0.5) * d.end_s();
     const double waver = d.random.uniform(1.8, 3.0);
     PatchLoad load{centre, radius, std::vector<Point>(d.frames())};
     std::size_t peak = 0;
@@ -316,7 +328,8 @@ Status unknown_load(Draw& d) {  // a tool that comes, wavers and goes
 
 Status cardiac(Draw& d) {  // beats with a harmonic, under the diaphragm over the left lobe
     const Point centre = d.surface_point({0.5, 0.8, 0.0}, 0.1);
-    const double rate = d.random.uniform(0.95, 1.45), share = d.random.uniform(0.2, 0.45), phase = d.random.uniform(0.0, 6.0);
+    const double rate = d.random.uniform(0.95, 1.45), share = d.random.uniform(0.2, 0.45),
+                 phase = d.random.uniform(0.0, 6.0);
     PatchLoad load{centre, 0.03, {}};
     const Point inwards = times(-1.0, d.body.shape().normal(centre));
     std::size_t peak = 0;
@@ -377,13 +390,25 @@ const EffectKind* find_effect(const std::string& id) {
 
 Result<EffectTruth> draw_mechanics(const std::string& id, Random& random, const TruthBody& body, Scenario& scenario,
                                    const std::filesystem::path& scratch) {
-    static const std::map<std::string, Status (*)(Draw&)> draws{
-        {"stiffness", stiffness}, {"inclusion", inclusion}, {"viscoelasticity", viscoelasticity}, {"material_law", material_law},
-        {"compressibility", compressibility}, {"damping", damping}, {"inertia", inertia}, {"cut", cut},
-        {"extra_attachment", extra_attachment}, {"ligament_slack", ligament_slack}, {"ligament_tear", ligament_tear},
-        {"moving_attachment", moving_attachment}, {"clamp_compliance", clamp_compliance}, {"contact", contact},
-        {"gravity", gravity}, {"pressure", pressure}, {"load_scale", load_scale}, {"unknown_load", unknown_load},
-        {"cardiac", cardiac}};
+    static const std::map<std::string, Status (*)(Draw&)> draws{{"stiffness", stiffness},
+                                                                {"inclusion", inclusion},
+                                                                {"viscoelasticity", viscoelasticity},
+                                                                {"material_law", material_law},
+                                                                {"compressibility", compressibility},
+                                                                {"damping", damping},
+                                                                {"inertia", inertia},
+                                                                {"cut", cut},
+                                                                {"extra_attachment", extra_attachment},
+                                                                {"ligament_slack", ligament_slack},
+                                                                {"ligament_tear", ligament_tear},
+                                                                {"moving_attachment", moving_attachment},
+                                                                {"clamp_compliance", clamp_compliance},
+                                                                {"contact", contact},
+                                                                {"gravity", gravity},
+                                                                {"pressure", pressure},
+                                                                {"load_scale", load_scale},
+                                                                {"unknown_load", unknown_load},
+                                                                {"cardiac", cardiac}};
     const auto found = draws.find(id);
     if (found == draws.end()) return invalid_input("'" + id + "' is no mechanical effect");
     Draw draw{random, body, scenario, scratch};

@@ -60,8 +60,8 @@ CaseSpec two_cause_case(const PlanOptions& options, int number) {
 
 Result<std::vector<CaseSpec>> plan_cases(const PlanOptions& options) {
     if (options.cases < 0 || options.two_causes < 0 || options.cases + options.two_causes < 1)
-        return invalid_input("--cases " + std::to_string(options.cases) + " --two-causes " + std::to_string(options.two_causes) +
-                             ": at least one case is needed");
+        return invalid_input("--cases " + std::to_string(options.cases) + " --two-causes " +
+                             std::to_string(options.two_causes) + ": at least one case is needed");
     if (options.shards < 1 || options.shard < 0 || options.shard >= options.shards)
         return invalid_input("--shard " + std::to_string(options.shard) + "/" + std::to_string(options.shards) +
                              ": must be i/n with 0 <= i < n");
@@ -77,7 +77,8 @@ Result<std::vector<CaseSpec>> plan_cases(const PlanOptions& options) {
         std::snprintf(name, sizeof name, "c%04zu", i);
         all[i].name = name;
     }
-    const std::size_t n = all.size(), shards = static_cast<std::size_t>(options.shards), shard = static_cast<std::size_t>(options.shard);
+    const std::size_t n = all.size(), shards = static_cast<std::size_t>(options.shards),
+                      shard = static_cast<std::size_t>(options.shard);
     return std::vector<CaseSpec>(all.begin() + static_cast<std::ptrdiff_t>(n * shard / shards),
                                  all.begin() + static_cast<std::ptrdiff_t>(n * (shard + 1) / shards));
 }

@@ -11,10 +11,10 @@ namespace teres::blindtest {
 
 struct PlanOptions {
     std::uint64_t seed = 1;
-    int cases = 29;                     ///< single causes and controls
-    int two_causes = 0;                 ///< cases with two effects, after the others
-    std::vector<std::string> effects;   ///< empty: all, with controls ("none") among them
-    int shard = 0, shards = 1;          ///< contiguous part `shard` of `shards`
+    int cases = 29;                    ///< single causes and controls
+    int two_causes = 0;                ///< cases with two effects, after the others
+    std::vector<std::string> effects;  ///< empty: all, with controls ("none") among them
+    int shard = 0, shards = 1;         ///< contiguous part `shard` of `shards`
 };
 
 struct CaseSpec {

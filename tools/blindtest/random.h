@@ -29,9 +29,7 @@ class Random {
     double uniform(double low = 0.0, double high = 1.0) {
         return low + (high - low) * static_cast<double>(bits() >> 11) * 0x1p-53;
     }
-    double log_uniform(double low, double high) {
-        return std::exp(uniform(std::log(low), std::log(high)));
-    }
+    double log_uniform(double low, double high) { return std::exp(uniform(std::log(low), std::log(high))); }
     /// In [0, count).
     std::size_t index(std::size_t count) { return static_cast<std::size_t>(bits() % count); }
     bool chance(double probability) { return uniform() < probability; }

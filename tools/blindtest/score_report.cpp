@@ -35,7 +35,8 @@ Status save_confusion(const Summary& s, const std::filesystem::path& file) {
     answers.insert(answers.end(), {"unknown", "none"});
     constexpr int kCell = 26, kLeft = 270, kTop = 260;
     using tools::Canvas;
-    Canvas canvas(kLeft + kCell * static_cast<int>(answers.size()) + 40, kTop + kCell * static_cast<int>(s.confusion.size()) + 30);
+    Canvas canvas(kLeft + kCell * static_cast<int>(answers.size()) + 40,
+                  kTop + kCell * static_cast<int>(s.confusion.size()) + 30);
     canvas.text({20.0, 26.0}, "Blind test: truth (rows) against answer (columns); number of cases", 14);
     for (std::size_t c = 0; c < answers.size(); ++c) {
         const double x = kLeft + kCell * (static_cast<double>(c) + 0.5);
@@ -54,8 +55,8 @@ Status save_confusion(const Summary& s, const std::filesystem::path& file) {
             if (count > 0) canvas.rectangle(box, tools::sequential(part));
             canvas.frame(box, answers[c] == truth ? tools::kInk : tools::kGrid, answers[c] == truth ? 2.0 : 1.0);
             if (count > 0)
-                canvas.text({box.x + 0.5 * kCell, box.y + 0.5 * kCell}, std::to_string(count), 10, tools::Align::kCenter,
-                            part > 0.45 ? tools::kPaper : tools::kInk);
+                canvas.text({box.x + 0.5 * kCell, box.y + 0.5 * kCell}, std::to_string(count), 10,
+                            tools::Align::kCenter, part > 0.45 ? tools::kPaper : tools::kInk);
         }
         y += kCell;
     }
@@ -66,9 +67,12 @@ Status save_confusion(const Summary& s, const std::filesystem::path& file) {
 
 std::string report_text(const Summary& s) {
     std::string text;
-    const auto line = [&](const std::string& what, const std::string& figure) { text += fmt::format("| {} | {} |\n", what, figure); };
+    const auto line = [&](const std::string& what, const std::string& figure) {
+        text += fmt::format("| {} | {} |\n", what, figure);
+    };
     text += "| blind test | |\n|---|---|\n";
-    line("floor: median gap of controls without noise; visible: nominal gap above 1.5 x this", fmt::format("{:.2f} mm", s.floor_mm));
+    line("floor: median gap of controls without noise; visible: nominal gap above 1.5 x this",
+         fmt::format("{:.2f} mm", s.floor_mm));
     line("top-1 / top-3, visible single causes", share(s.top1) + " / " + share(s.top3));
     line("right or within the family, visible", share(s.family));
     line("top-1 / top-3, all single causes", share(s.top1_all) + " / " + share(s.top3_all));
@@ -83,11 +87,15 @@ std::string report_text(const Summary& s) {
          percent(median(s.true_shrinkage)) + " / " + percent(median(s.wrong_shrinkage)));
     line("... within the stated 95 % interval of the held-out shrinkage", share(s.coverage));
     line("calibration error (ECE)", fmt::format("{:.3f}", s.ece));
-    line("one diagnosis, median / largest", value(median(s.seconds), "{:.1f}", " s / ") +
-         (s.seconds.empty() ? "-" : value(*std::max_element(s.seconds.begin(), s.seconds.end()), "{:.1f}", " s")));
-    line("peak memory, largest", s.peak_mb.empty() ? "-" : value(*std::max_element(s.peak_mb.begin(), s.peak_mb.end()), "{:.0f}", " MB"));
+    line("one diagnosis, median / largest",
+         value(median(s.seconds), "{:.1f}", " s / ") +
+             (s.seconds.empty() ? "-" : value(*std::max_element(s.seconds.begin(), s.seconds.end()), "{:.1f}", " s")));
+    line("peak memory, largest",
+         s.peak_mb.empty() ? "-" : value(*std::max_element(s.peak_mb.begin(), s.peak_mb.end()), "{:.0f}", " MB"));
     line("diagnosis failed", std::to_string(s.failed));
-    text += "\n| effect | visible | top-1 | top-3 | family | place, median | answered instead |\n|---|---|---|---|---|---|---|\n";
+    text +=
+        "\n| effect | visible | top-1 | top-3 | family | place, median | answered instead "
+        "|\n|---|---|---|---|---|---|---|\n";
     for (const auto& [id, row] : s.effects) {
         std::string instead;
         if (const auto found = s.confusion.find(id); found != s.confusion.end())
@@ -105,7 +113,8 @@ Status save_plots(const Summary& s, const std::filesystem::path& folder) {
     if (failed) return host_fault(folder.string() + ": " + failed.message());
     if (!s.confusion.empty()) TERES_TRY(save_confusion(s, folder / "confusion.png"));
 
-    tools::Curve reached{.label = "answers", .x = {}, .y = {}}, ideal{.label = "calibrated", .x = {0.0, 1.0}, .y = {0.0, 1.0}, .dashed = true};
+    tools::Curve reached{.label = "answers", .x = {}, .y = {}},
+        ideal{.label = "calibrated", .x = {0.0, 1.0}, .y = {0.0, 1.0}, .dashed = true};
     for (const ReliabilityBin& bin : s.reliability)
         if (bin.right.of > 0) {
             reached.x.push_back(bin.mean_probability);

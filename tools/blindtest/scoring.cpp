@@ -12,7 +12,7 @@ namespace teres::blindtest {
 namespace {
 
 using Json = nlohmann::ordered_json;
-constexpr double kVisible = 1.5;        // times the floor
+constexpr double kVisible = 1.5;         // times the floor
 constexpr double kUsualFloor_mm = 0.35;  // without controls
 
 std::vector<std::string> ids_of(const std::string& cause) {
@@ -54,18 +54,24 @@ std::optional<double> number(const Json& json, const char* key) {
 
 // Both the contract's file and our own result lines hold an answer in the contract's words.
 Json to_json(const Answer& a) {
-    Json json{{"format", "teres-gap-1"}, {"gap", {{"rms_mm", a.gap_rms_mm}}}, {"where", Json::object()}, {"causes", Json::array()}};
+    Json json{{"format", "teres-gap-1"},
+              {"gap", {{"rms_mm", a.gap_rms_mm}}},
+              {"where", Json::object()},
+              {"causes", Json::array()}};
     json["where"]["center_m"] = a.center_m ? Json(*a.center_m) : Json(nullptr);
     json["where"]["onset_s"] = to_json(a.onset_s);
-    for (const auto& [name, probability] : a.causes) json["causes"].push_back({{"effects", ids_of(name)}, {"probability", probability}});
+    for (const auto& [name, probability] : a.causes)
+        json["causes"].push_back({{"effects", ids_of(name)}, {"probability", probability}});
     json["unknown_probability"] = a.unknown;
     json["none_probability"] = a.none;
-    if (a.shrinkage) json["shrinkage"] = {{"fraction", (*a.shrinkage)[0]}, {"ci95", {(*a.shrinkage)[1], (*a.shrinkage)[2]}}};
+    if (a.shrinkage)
+        json["shrinkage"] = {{"fraction", (*a.shrinkage)[0]}, {"ci95", {(*a.shrinkage)[1], (*a.shrinkage)[2]}}};
     return json;
 }
 
 Result<Answer> answer_from(const Json& json, const std::string& name) {
-    if (!json.is_object() || json.value("format", "") != "teres-gap-1") return invalid_input(name + ": not of format teres-gap-1");
+    if (!json.is_object() || json.value("format", "") != "teres-gap-1")
+        return invalid_input(name + ": not of format teres-gap-1");
     Answer answer;
     double sum = 0.0;
     if (const auto causes = json.find("causes"); causes != json.end() && causes->is_array())
@@ -75,7 +81,8 @@ Result<Answer> answer_from(const Json& json, const std::string& name) {
                 for (const Json& id : *list)
                     if (id.is_string()) effects.push_back(id.get<std::string>());
             const auto probability = number(cause, "probability");
-            if (effects.empty() || !probability) return invalid_input(name + ": a cause without effects or probability");
+            if (effects.empty() || !probability)
+                return invalid_input(name + ": a cause without effects or probability");
             answer.causes.emplace_back(cause_name(effects), *probability);
             sum += *probability;
         }
@@ -83,7 +90,8 @@ Result<Answer> answer_from(const Json& json, const std::string& name) {
     answer.unknown = number(json, "unknown_probability").value_or(0.0);
     answer.none = number(json, "none_probability").value_or(0.0);
     sum += answer.unknown + answer.none;
-    if (!(std::abs(sum - 1.0) < 1e-3)) return invalid_input(name + ": probabilities sum to " + std::to_string(sum) + ", must be 1");
+    if (!(std::abs(sum - 1.0) < 1e-3))
+        return invalid_input(name + ": probabilities sum to " + std::to_string(sum) + ", must be 1");
     if (const auto gap = json.find("gap"); gap != json.end()) answer.gap_rms_mm = number(*gap, "rms_mm").value_or(0.0);
     if (const auto where = json.find("where"); where != json.end() && where->is_object()) {
         answer.onset_s = number(*where, "onset_s");
@@ -95,7 +103,8 @@ Result<Answer> answer_from(const Json& json, const std::string& name) {
     if (const auto s = json.find("shrinkage"); s != json.end() && s->is_object()) {
         const auto fraction = number(*s, "fraction");
         const auto ci = s->find("ci95");
-        if (fraction && ci != s->end() && ci->is_array() && ci->size() == 2 && (*ci)[0].is_number() && (*ci)[1].is_number())
+        if (fraction && ci != s->end() && ci->is_array() && ci->size() == 2 && (*ci)[0].is_number() &&
+            (*ci)[1].is_number())
             answer.shrinkage = {*fraction, (*ci)[0].get<double>(), (*ci)[1].get<double>()};
     }
     return answer;
@@ -109,14 +118,16 @@ double control_floor(std::span<const CaseResult> results) {
     std::vector<double> gaps;
     for (const CaseResult& r : results)
         if (r.truth == "none" && r.answer)
-            gaps.push_back(std::sqrt(std::max(0.0, r.answer->gap_rms_mm * r.answer->gap_rms_mm - r.noise_mm * r.noise_mm)));
+            gaps.push_back(
+                std::sqrt(std::max(0.0, r.answer->gap_rms_mm * r.answer->gap_rms_mm - r.noise_mm * r.noise_mm)));
     return gaps.empty() ? kUsualFloor_mm : median(gaps);
 }
 
 void add_single(const CaseResult& r, const std::string& best, bool visible, Summary& s) {
     const auto& causes = r.answer->causes;
     const bool top1 = best == r.truth;
-    const bool top3 = std::any_of(causes.begin(), causes.begin() + static_cast<std::ptrdiff_t>(std::min<std::size_t>(3, causes.size())),
+    const bool top3 = std::any_of(causes.begin(),
+                                  causes.begin() + static_cast<std::ptrdiff_t>(std::min<std::size_t>(3, causes.size())),
                                   [&](const auto& cause) { return cause.first == r.truth; });
     s.top1_all.add(top1);
     s.top3_all.add(top3);
@@ -141,7 +152,8 @@ void add_single(const CaseResult& r, const std::string& best, bool visible, Summ
     }
     if (r.true_shrinkage && is_cause(best)) (top1 ? s.true_shrinkage : s.wrong_shrinkage).push_back(*r.true_shrinkage);
     if (r.true_shrinkage && r.answer->shrinkage && top1)
-        s.coverage.add(*r.true_shrinkage >= (*r.answer->shrinkage)[1] && *r.true_shrinkage <= (*r.answer->shrinkage)[2]);
+        s.coverage.add(*r.true_shrinkage >= (*r.answer->shrinkage)[1] &&
+                       *r.true_shrinkage <= (*r.answer->shrinkage)[2]);
 }
 
 }  // namespace
@@ -166,17 +178,25 @@ Result<Answer> parse_answer(std::string_view json, const std::string& name) {
 }
 
 std::string to_json_line(const CaseResult& r) {
-    return Json{{"case", r.name}, {"truth", r.truth}, {"located", r.located}, {"gap_nominal_mm", r.gap_nominal_mm},
-                {"noise_mm", r.noise_mm}, {"answer", r.answer ? to_json(*r.answer) : Json(nullptr)},
-                {"place_error_mm", to_json(r.place_error_mm)}, {"onset_error_s", to_json(r.onset_error_s)},
-                {"true_shrinkage", to_json(r.true_shrinkage)}, {"withheld", r.withheld ? to_json(*r.withheld) : Json(nullptr)},
-                {"seconds", r.seconds}, {"peak_mb", r.peak_mb}}
+    return Json{{"case", r.name},
+                {"truth", r.truth},
+                {"located", r.located},
+                {"gap_nominal_mm", r.gap_nominal_mm},
+                {"noise_mm", r.noise_mm},
+                {"answer", r.answer ? to_json(*r.answer) : Json(nullptr)},
+                {"place_error_mm", to_json(r.place_error_mm)},
+                {"onset_error_s", to_json(r.onset_error_s)},
+                {"true_shrinkage", to_json(r.true_shrinkage)},
+                {"withheld", r.withheld ? to_json(*r.withheld) : Json(nullptr)},
+                {"seconds", r.seconds},
+                {"peak_mb", r.peak_mb}}
         .dump();
 }
 
 Result<CaseResult> parse_case_result(std::string_view line, const std::string& place) {
     const Json json = Json::parse(line, nullptr, false);
-    if (!json.is_object() || !json.contains("case") || !json["case"].is_string() || !json.contains("truth") || !json["truth"].is_string())
+    if (!json.is_object() || !json.contains("case") || !json["case"].is_string() || !json.contains("truth") ||
+        !json["truth"].is_string())
         return invalid_input(place + ": not a result of teres blindtest");
     CaseResult r;
     r.name = json["case"].get<std::string>();

@@ -1,4 +1,5 @@
-// Scores of a blind test: one CaseResult a case (a JSON line, so that shards merge by concatenation), and their Summary.
+// Scores of a blind test: one CaseResult a case (a JSON line, so that shards merge by concatenation), and their
+// Summary.
 #pragma once
 
 #include <array>
@@ -37,9 +38,9 @@ struct CaseResult {
     std::string name;
     std::string truth;  ///< cause_name; "none" for controls
     bool located = false;
-    double gap_nominal_mm = 0.0;     ///< what the ligament's unknowns cannot explain, from the truth
-    double noise_mm = 0.0;           ///< stated noise, 3-D rms
-    std::optional<Answer> answer;    ///< nullopt: the diagnosis failed
+    double gap_nominal_mm = 0.0;   ///< what the ligament's unknowns cannot explain, from the truth
+    double noise_mm = 0.0;         ///< stated noise, 3-D rms
+    std::optional<Answer> answer;  ///< nullopt: the diagnosis failed
     std::optional<double> place_error_mm, onset_error_s;
     std::optional<double> true_shrinkage;  ///< of the error of the inner points against the noise-free truth
     std::optional<Answer> withheld;        ///< answer with the true effect excluded
@@ -69,21 +70,22 @@ struct ReliabilityBin {
 struct Summary {
     double floor_mm = 0.0;  ///< median gap of the controls without noise
     int failed = 0;
-    Share top1, top3, family, kind;      ///< visible single causes; kind: sensor or not, of those where a cause is named
+    Share top1, top3, family, kind;  ///< visible single causes; kind: sensor or not, of those where a cause is named
     Share top1_all, top3_all;
-    Share invisible_none;                ///< causes below the floor answered "none"
-    Share false_alarm;                   ///< controls; `right` counts the alarms
-    Share withheld_unknown;              ///< visible, withheld: "unknown" or another effect of its family
-    Share false_unknown;                 ///< visible, not withheld; `right` counts the answers "unknown"
-    Share two_both, two_one;             ///< two causes: both named, at least one
-    Share coverage;                      ///< true shrinkage within ci95
-    std::vector<double> true_shrinkage;  ///< visible, right cause named
-    std::vector<double> wrong_shrinkage; ///< visible, wrong cause named
+    Share invisible_none;                 ///< causes below the floor answered "none"
+    Share false_alarm;                    ///< controls; `right` counts the alarms
+    Share withheld_unknown;               ///< visible, withheld: "unknown" or another effect of its family
+    Share false_unknown;                  ///< visible, not withheld; `right` counts the answers "unknown"
+    Share two_both, two_one;              ///< two causes: both named, at least one
+    Share coverage;                       ///< true shrinkage within ci95
+    std::vector<double> true_shrinkage;   ///< visible, right cause named
+    std::vector<double> wrong_shrinkage;  ///< visible, wrong cause named
     std::vector<double> place_mm, seconds, peak_mb;
     std::array<ReliabilityBin, 10> reliability{};
     double ece = 0.0;
     std::map<std::string, EffectRow> effects;
-    std::map<std::string, std::map<std::string, int>> confusion;  ///< truth -> answer -> count, visible causes and controls
+    std::map<std::string, std::map<std::string, int>>
+        confusion;  ///< truth -> answer -> count, visible causes and controls
 };
 
 /// visible: nominal gap above 1.5 x floor. `floor_mm`: given, or from the controls among the results (0.35 without).

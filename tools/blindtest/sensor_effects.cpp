@@ -50,21 +50,25 @@ EffectTruth draw_sensor(const std::string& id, Random& random, const Case& nomin
     if (id == "registration") {
         const Point shift = times(random.log_uniform(0.001, 0.006), random.direction()), axis = random.direction();
         const double angle = random.log_uniform(0.3, 4.0) * kPi / 180.0;
-        for_each_position(state.seen, [&](const Point& p, std::size_t) { return plus(rotated(p, axis, angle), shift); });
+        for_each_position(state.seen,
+                          [&](const Point& p, std::size_t) { return plus(rotated(p, axis, angle), shift); });
         parameters["shift_m"] = shift;
         parameters["axis"] = axis;
         parameters["angle_rad"] = angle;
     } else if (id == "depth_scale") {
         if (random.chance(0.5)) {
             const double scale = 1.0 + random.sign() * random.log_uniform(0.004, 0.035);
-            for_each_position(state.seen, [&](const Point& p, std::size_t) { return plus(camera, times(scale, minus(p, camera))); });
+            for_each_position(
+                state.seen, [&](const Point& p, std::size_t) { return plus(camera, times(scale, minus(p, camera))); });
             parameters["scale"] = scale;
         } else {  // along the ray, grows with depth squared, and waves
-            const double bias = random.sign() * random.log_uniform(0.0015, 0.008), depth0 = norm(camera), wave = random.uniform(0.05, 0.12);
+            const double bias = random.sign() * random.log_uniform(0.0015, 0.008), depth0 = norm(camera),
+                         wave = random.uniform(0.05, 0.12);
             for_each_position(state.seen, [&](const Point& p, std::size_t) {
                 const Point ray = minus(p, camera);
                 const double z = dot(ray, view);
-                return plus(p, times(bias * z * z / (depth0 * depth0) * (1.0 + 0.2 * std::sin(2.0 * kPi * z / wave)), unit(ray)));
+                return plus(p, times(bias * z * z / (depth0 * depth0) * (1.0 + 0.2 * std::sin(2.0 * kPi * z / wave)),
+                                     unit(ray)));
             });
             parameters["bias_m"] = bias;
         }
@@ -98,7 +102,8 @@ EffectTruth draw_sensor(const std::string& id, Random& random, const Case& nomin
         truth.markers = {nominal.markers[first].id};
         if (random.chance(0.65)) {
             const Point slip = times(random.log_uniform(0.003, 0.012), random.direction());
-            for (std::size_t k = from; k < state.seen.size(); ++k) state.seen[k][first] = plus(state.seen[k][first], slip);
+            for (std::size_t k = from; k < state.seen.size(); ++k)
+                state.seen[k][first] = plus(state.seen[k][first], slip);
             parameters["slip_m"] = slip;
         } else {  // swapped with its neighbour for a while
             std::size_t other = first;
@@ -107,7 +112,8 @@ EffectTruth draw_sensor(const std::string& id, Random& random, const Case& nomin
                 const double gap = distance(nominal.markers[m].position_m, nominal.markers[first].position_m);
                 if (m != first && gap < near) near = gap, other = m;
             }
-            const auto until = std::min(state.seen.size(), from + static_cast<std::size_t>(random.uniform(0.15, 0.35) * frames));
+            const auto until =
+                std::min(state.seen.size(), from + static_cast<std::size_t>(random.uniform(0.15, 0.35) * frames));
             for (std::size_t k = from; k < until; ++k) std::swap(state.seen[k][first], state.seen[k][other]);
             truth.markers.push_back(nominal.markers[other].id);
             parameters["until_s"] = static_cast<double>(until) * dt;

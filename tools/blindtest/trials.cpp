@@ -54,8 +54,11 @@ Result<Cost> run(std::vector<std::string> words, const fs::path& log, double lim
     Cost cost;
     cost.exit_code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
     cost.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    const auto seconds = [](const timeval& t) { return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec); };
-    cost.cpu_s = seconds(after.ru_utime) + seconds(after.ru_stime) - seconds(before.ru_utime) - seconds(before.ru_stime);
+    const auto seconds = [](const timeval& t) {
+        return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
+    };
+    cost.cpu_s =
+        seconds(after.ru_utime) + seconds(after.ru_stime) - seconds(before.ru_utime) - seconds(before.ru_stime);
     cost.peak_mb = static_cast<double>(after.ru_maxrss) / 1024.0;  // largest of the children so far
     return cost;
 }
@@ -71,8 +74,11 @@ Status diagnose(const CaseSpec& spec, const TrialOptions& o, const std::string& 
                                    answer_file(o.out, spec, ending + ".json").string()};
     words.insert(words.end(), more.begin(), more.end());
     TERES_TRY_ASSIGN(const Cost cost, run(words, answer_file(o.out, spec, ending + ".log"), o.limit_s));
-    return write_text_file(cost_file, Json{{"exit_code", cost.exit_code}, {"seconds", cost.seconds}, {"cpu_s", cost.cpu_s},
-                                           {"peak_mb", cost.peak_mb}}.dump() + "\n");
+    return write_text_file(
+        cost_file,
+        Json{{"exit_code", cost.exit_code}, {"seconds", cost.seconds}, {"cpu_s", cost.cpu_s}, {"peak_mb", cost.peak_mb}}
+                .dump() +
+            "\n");
 }
 
 Result<Json> read_json(const fs::path& file) {
@@ -109,9 +115,11 @@ Status diagnose_case(const CaseSpec& spec, const TrialOptions& o) {
         TERES_TRY(diagnose(spec, o, ".withheld", {"--exclude", spec.effects.front()}));
     const fs::path baseline = answer_file(o.out, spec, ".baseline.csv");
     if (o.baseline && !fs::exists(baseline)) {
-        TERES_TRY_ASSIGN(const Cost cost, run({o.program.string(), "estimate", (o.out / "cases" / spec.name).string(), "--predict",
-                                               baseline.string()}, answer_file(o.out, spec, ".baseline.log"), o.limit_s));
-        if (cost.exit_code == 3 || cost.exit_code == 127) return host_fault("teres estimate: exit code " + std::to_string(cost.exit_code));
+        TERES_TRY_ASSIGN(const Cost cost, run({o.program.string(), "estimate", (o.out / "cases" / spec.name).string(),
+                                               "--predict", baseline.string()},
+                                              answer_file(o.out, spec, ".baseline.log"), o.limit_s));
+        if (cost.exit_code == 3 || cost.exit_code == 127)
+            return host_fault("teres estimate: exit code " + std::to_string(cost.exit_code));
     }
     return {};
 }
@@ -120,7 +128,8 @@ Result<std::optional<CaseResult>> score_case(const CaseSpec& spec, const fs::pat
     const fs::path sealed = out / "sealed" / spec.name;
     TERES_TRY_ASSIGN(const Json label, read_json(sealed / "label.json"));
     if (label.value("discarded", false)) return std::optional<CaseResult>{};
-    if (!label.contains("effects") || !label.contains("gap_mm")) return invalid_input((sealed / "label.json").string() + ": no label");
+    if (!label.contains("effects") || !label.contains("gap_mm"))
+        return invalid_input((sealed / "label.json").string() + ": no label");
     TERES_TRY_ASSIGN(const Case c, read_case(out / "cases" / spec.name, {.observations = false}));
 
     CaseResult r;
@@ -141,9 +150,11 @@ Result<std::optional<CaseResult>> score_case(const CaseSpec& spec, const fs::pat
         const Json& effect = label["effects"][0];
         if (effect["center_m"].is_array()) {
             r.located = true;
-            if (r.answer->center_m) r.place_error_mm = 1e3 * distance(*r.answer->center_m, effect["center_m"].get<Point>());
+            if (r.answer->center_m)
+                r.place_error_mm = 1e3 * distance(*r.answer->center_m, effect["center_m"].get<Point>());
         }
-        if (effect["onset_s"].is_number() && r.answer->onset_s) r.onset_error_s = *r.answer->onset_s - effect["onset_s"].get<double>();
+        if (effect["onset_s"].is_number() && r.answer->onset_s)
+            r.onset_error_s = *r.answer->onset_s - effect["onset_s"].get<double>();
     }
     const auto before = error_mm(answer_file(out, spec, ".baseline.csv"), sealed / "validation.csv");
     const auto after = error_mm(answer_file(out, spec, ".csv"), sealed / "validation.csv");

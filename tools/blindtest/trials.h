@@ -15,9 +15,9 @@ namespace teres::blindtest {
 struct TrialOptions {
     std::filesystem::path out;      ///< of the generator
     std::filesystem::path program;  ///< teres
-    bool withheld = false;          ///< once more with the true effect excluded (the only use of a label before scoring)
-    bool baseline = true;           ///< `teres estimate`: what the nominal model predicts, for the true shrinkage
-    double limit_s = 1800.0;        ///< of one diagnosis
+    bool withheld = false;    ///< once more with the true effect excluded (the only use of a label before scoring)
+    bool baseline = true;     ///< `teres estimate`: what the nominal model predicts, for the true shrinkage
+    double limit_s = 1800.0;  ///< of one diagnosis
 };
 
 /// Writes answers/<case>.json, .csv (predicted points), .cost.json; what is there already is kept.

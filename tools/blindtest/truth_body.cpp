@@ -17,12 +17,13 @@ using calculix::Curve;
 constexpr double kPi = std::numbers::pi;
 constexpr Point kCamera{0.0, 0.0, 0.35};
 constexpr double kClampRadius = 0.026, kPatchRadius = 0.026;  // [m]
-constexpr double kLead = 1.0;          // [s] in which a state that does not start at rest is reached
+constexpr double kLead = 1.0;           // [s] in which a state that does not start at rest is reached
 constexpr double kSolverLimit = 420.0;  // [s]
 constexpr std::size_t kBandLayers = 1;
 
 TetMeshData mesh_shape(const LiverShape& shape, double tets, Random& random) {
-    LatticeOptions options{{-0.14, -0.12, -0.11}, {0.14, 0.12, 0.11}, 0.03, random.direction(), random.uniform(0.0, 1.0)};
+    LatticeOptions options{
+        {-0.14, -0.12, -0.11}, {0.14, 0.12, 0.11}, 0.03, random.direction(), random.uniform(0.0, 1.0)};
     const auto level = [&](const Point& p) { return shape.level(p); };
     const TetMeshData coarse = mesh_level_set(level, options);
     // Tetrahedra number about as 1 / cell^3.
@@ -153,9 +154,15 @@ void TruthBody::believe(Random& random) {
     if (options_.dynamic) control_.body.rayleigh_stiffness_s = body.rayleigh_stiffness_s = 0.004;
 
     const double s = shape_.scale();
-    prior_band_ = {.axis_m = {0.0, 0.030 * s, 0.0}, .x0_m = random.uniform(0.004, 0.020) * s, .tilt_m = 0.0, .width_m = 0.024,
-                   .theta0_deg = -35.0, .theta1_deg = 100.0, .height_m = random.uniform(0.018, 0.026),
-                   .youngs_modulus_pa = random.log_uniform(40e3, 100e3), .poissons_ratio = 0.45};
+    prior_band_ = {.axis_m = {0.0, 0.030 * s, 0.0},
+                   .x0_m = random.uniform(0.004, 0.020) * s,
+                   .tilt_m = 0.0,
+                   .width_m = 0.024,
+                   .theta0_deg = -35.0,
+                   .theta1_deg = 100.0,
+                   .height_m = random.uniform(0.018, 0.026),
+                   .youngs_modulus_pa = random.log_uniform(40e3, 100e3),
+                   .poissons_ratio = 0.45};
     true_band_ = prior_band_;
     true_band_.x0_m += random.uniform(-0.008, 0.008);
     true_band_.tilt_m = random.uniform(-0.008, 0.008);
@@ -163,14 +170,15 @@ void TruthBody::believe(Random& random) {
     true_band_.theta0_deg += random.uniform(0.0, 30.0);
     true_band_.theta1_deg -= random.uniform(0.0, 25.0);
     true_band_.youngs_modulus_pa *= random.log_uniform(0.6, 1.6);
-    control_.ligament = {.law = CalculixMaterial::Law::kNeoHookean, .youngs_modulus_pa = true_band_.youngs_modulus_pa,
+    control_.ligament = {.law = CalculixMaterial::Law::kNeoHookean,
+                         .youngs_modulus_pa = true_band_.youngs_modulus_pa,
                          .poissons_ratio = true_band_.poissons_ratio};
     if (options_.dynamic) {
         control_.ligament.density_kg_m3 = 1060.0;
         control_.ligament.rayleigh_stiffness_s = 0.004;
     }
     c.ligament = LigamentData{LigamentLaw::kNeoHookean, prior_band_.youngs_modulus_pa, prior_band_.poissons_ratio,
-                              prior_band_.height_m, prior_band_.width_m, 0.0};
+                              prior_band_.height_m,     prior_band_.width_m,           0.0};
     const Surface surface(c.mesh);
     for (const std::int32_t node : surface.nodes()) {
         const double p = prior_band_.prior_probability(c.mesh.nodes[static_cast<std::size_t>(node)]);
@@ -184,15 +192,16 @@ void TruthBody::believe(Random& random) {
 
 // Three patches; two incommensurate periods each, stronger in the second half.
 void TruthBody::place_loads(Random& random) {
-    const std::array<std::pair<const char*, Point>, 3> places{{{"F1", {-0.55, -0.75, 0.35}}, {"F2", {0.90, 0.10, 0.40}},
-                                                               {"F3", {-0.80, 0.10, 0.55}}}};
+    const std::array<std::pair<const char*, Point>, 3> places{
+        {{"F1", {-0.55, -0.75, 0.35}}, {"F2", {0.90, 0.10, 0.40}}, {"F3", {-0.80, 0.10, 0.55}}}};
     Case& c = nominal_;
     const Surface surface(c.mesh);
     const double fast = options_.dynamic ? 0.12 : 1.0;
     control_.forces_n.assign(num_frames(), std::vector<Point>(places.size()));
     for (std::size_t r = 0; r < places.size(); ++r) {
         const Point towards = plus(places[r].second, times(0.2, random.direction()));
-        const Point centre = mesh_.surface().closest(shape_.exit(shape_.centre(), times(1.0 / norm(towards), towards))).position_m;
+        const Point centre =
+            mesh_.surface().closest(shape_.exit(shape_.centre(), times(1.0 / norm(towards), towards))).position_m;
         regions_.push_back({centre, kPatchRadius, {}});
         LoadRegion region{places[r].first, {}, {}};
         for (const auto& [node, share] : patch_weights(c.mesh, surface, nullptr, centre, kPatchRadius)) {
@@ -219,7 +228,8 @@ void TruthBody::place_loads(Random& random) {
             c.clamped.push_back(node);
 }
 
-// Markers: facets that the camera sees, clear of the ligament and the clamp, spread out. Points: inside, below the surface.
+// Markers: facets that the camera sees, clear of the ligament and the clamp, spread out. Points: inside, below the
+// surface.
 void TruthBody::place_samples(Random& random) {
     const auto spread = [&](std::vector<Point> candidates, int count, std::vector<MarkerRest>& out) {
         std::vector<double> gap(candidates.size(), 1e9);
@@ -273,7 +283,8 @@ Status TruthBody::scale_loads(const std::filesystem::path& scratch) {
     return {};
 }
 
-Result<Motion> TruthBody::simulate(const Scenario& scenario, const std::filesystem::path& scratch, const Motion* control) const {
+Result<Motion> TruthBody::simulate(const Scenario& scenario, const std::filesystem::path& scratch,
+                                   const Motion* control) const {
     if (scenario.event_frame < 0) return solve(scenario, 0, num_frames(), false, false, scratch);
     const auto event = static_cast<std::size_t>(scenario.event_frame);
     Motion motion;
@@ -304,8 +315,9 @@ Result<Motion> TruthBody::solve(const Scenario& s, std::size_t first, std::size_
                                 const std::filesystem::path& scratch) const {
     TruthMesh mesh = mesh_;
     if (after_event && s.cut_radius_m > 0.0) mesh.cut(s.cut_centre_m, s.cut_normal, s.cut_radius_m);
-    const WedgeLayer band = mesh.extrude(mesh.find(after_event && s.event_frame >= 0 && !s.band_after.empty() ? s.band_after : s.band),
-                                         true_band_.height_m, kBandLayers);
+    const WedgeLayer band =
+        mesh.extrude(mesh.find(after_event && s.event_frame >= 0 && !s.band_after.empty() ? s.band_after : s.band),
+                     true_band_.height_m, kBandLayers);
     const WedgeLayer extra = mesh.extrude(mesh.find(s.extra_band), true_band_.height_m, kBandLayers);
 
     // A state that does not start at rest is reached in a lead-in.
@@ -322,7 +334,8 @@ Result<Motion> TruthBody::solve(const Scenario& s, std::size_t first, std::size_
     r.large_displacements = !linear;
     r.max_increment_s = linear ? lead : dynamic ? 0.5 * dt : dt;
     const auto tets = mesh.tets10();
-    calculix::Part body{calculix::Part::Element::kTet10, {}, s.body}, inclusion{calculix::Part::Element::kTet10, {}, s.inclusion};
+    calculix::Part body{calculix::Part::Element::kTet10, {}, s.body},
+        inclusion{calculix::Part::Element::kTet10, {}, s.inclusion};
     std::vector<std::int32_t> number_in_body(tets.size(), -1);
     for (std::size_t t = 0; t < tets.size(); ++t) {
         const bool other = !s.in_inclusion.empty() && s.in_inclusion[t] != 0;
@@ -332,7 +345,8 @@ Result<Motion> TruthBody::solve(const Scenario& s, std::size_t first, std::size_
     r.parts.push_back(std::move(body));
     if (!inclusion.elements.empty()) r.parts.push_back(std::move(inclusion));
     if (s.prony_ratio > 0.0) {  // tau = eta / G, deviatoric rate 3/2 A s: A = 1 / (3 G tau)
-        CalculixMaterial branch{.law = CalculixMaterial::Law::kLinear, .youngs_modulus_pa = s.prony_ratio * s.body.youngs_modulus_pa,
+        CalculixMaterial branch{.law = CalculixMaterial::Law::kLinear,
+                                .youngs_modulus_pa = s.prony_ratio * s.body.youngs_modulus_pa,
                                 .poissons_ratio = 0.3};
         branch.creep_per_pa_s = 1.0 / (3.0 * branch.shear_modulus_pa() * s.prony_time_s);
         r.parts.push_back({calculix::Part::Element::kTet10, tets, branch});
@@ -344,8 +358,9 @@ Result<Motion> TruthBody::solve(const Scenario& s, std::size_t first, std::size_
         if (!band.far_nodes.empty()) add_support(r, band.far_nodes);
     } else {
         for (int axis = 0; axis < 3; ++axis)
-            r.supports.push_back({band.far_nodes, axis,
-                                  curve([&](std::size_t k) { return s.far_motion_m[k][static_cast<std::size_t>(axis)]; })});
+            r.supports.push_back({band.far_nodes, axis, curve([&](std::size_t k) {
+                                      return s.far_motion_m[k][static_cast<std::size_t>(axis)];
+                                  })});
     }
     if (!extra.far_nodes.empty()) add_support(r, extra.far_nodes);
     if (s.clamp_held && !clamp_.empty()) add_support(r, nodes_of(mesh, clamp_));
@@ -353,7 +368,8 @@ Result<Motion> TruthBody::solve(const Scenario& s, std::size_t first, std::size_
     // Patches may overlap and CalculiX wants one curve a node and axis: forces are summed per node.
     std::map<std::int32_t, std::vector<Point>> node_force;  // [frame - first]
     const auto add_patch = [&](const PatchLoad& patch, const auto& force) {
-        for (const auto& [node, share] : patch_weights(mesh.corners(), mesh.surface(), &mesh, patch.centre_m, patch.radius_m)) {
+        for (const auto& [node, share] :
+             patch_weights(mesh.corners(), mesh.surface(), &mesh, patch.centre_m, patch.radius_m)) {
             auto& total = node_force.try_emplace(node, frames).first->second;
             for (std::size_t k = 0; k < frames; ++k) total[k] = plus(total[k], times(share, force(first + k)));
         }
@@ -406,7 +422,8 @@ Result<Motion> TruthBody::solve(const Scenario& s, std::size_t first, std::size_
     std::sort(r.output_nodes.begin(), r.output_nodes.end());
     r.output_nodes.erase(std::unique(r.output_nodes.begin(), r.output_nodes.end()), r.output_nodes.end());
     const bool starts_at_rest = lead == 0.0;
-    for (std::size_t k = starts_at_rest ? 1 : 0; k < frames; ++k) r.times_s.push_back(lead + static_cast<double>(k) * dt);
+    for (std::size_t k = starts_at_rest ? 1 : 0; k < frames; ++k)
+        r.times_s.push_back(lead + static_cast<double>(k) * dt);
 
     TERES_TRY_ASSIGN(const calculix::RecordingSolution solution, solve_recording(r, scratch, kSolverLimit));
     Motion motion;
@@ -416,7 +433,8 @@ Result<Motion> TruthBody::solve(const Scenario& s, std::size_t first, std::size_
     for (std::size_t k = 0; k < frames; ++k) {
         const auto& u = starts_at_rest ? (k == 0 ? rest : solution.displacement_m[k - 1]) : solution.displacement_m[k];
         std::size_t next = 0;
-        for (auto [list, out] : {std::pair{&nominal_.markers, &motion.markers}, std::pair{&nominal_.validation_rest, &motion.points}}) {
+        for (auto [list, out] :
+             {std::pair{&nominal_.markers, &motion.markers}, std::pair{&nominal_.validation_rest, &motion.points}}) {
             out->emplace_back();
             for (const MarkerRest& m : *list) out->back().push_back(moved(samples[next++], m.position_m, u));
         }

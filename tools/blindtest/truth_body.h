@@ -36,8 +36,8 @@ struct PatchLoad {
 /// Springs over facets: to the ground along the axes, or along a line with a law of its own.
 struct SpringBed {
     Facets facets;
-    double ground_n_per_m3 = 0.0;  ///< stiffness per area; 0: lines
-    double line_m = 0.0;           ///< length of the lines along the outward normal
+    double ground_n_per_m3 = 0.0;                              ///< stiffness per area; 0: lines
+    double line_m = 0.0;                                       ///< length of the lines along the outward normal
     std::vector<std::pair<double, double>> elongation_stress;  ///< of the lines [m], [Pa]
 };
 
@@ -55,8 +55,8 @@ struct Scenario {
     std::vector<double> gravity_m_s2;  ///< per frame; empty: none
     std::vector<Point> far_motion_m;   ///< of the ligament's far edge per frame; empty: none
     std::vector<SpringBed> beds;
-    Facets band, extra_band;  ///< true ligament, second ligament
-    bool clamp_held = true;   ///< the posterior patch, if the patient has one
+    Facets band, extra_band;                        ///< true ligament, second ligament
+    bool clamp_held = true;                         ///< the posterior patch, if the patient has one
     std::vector<std::pair<Point, double>> hung_kg;  ///< masses at surface points (dynamic only)
     // Another state from this frame on; static bodies have no memory, so it is solved on its own.
     int event_frame = -1;
@@ -67,8 +67,8 @@ struct Scenario {
 
 struct BodyOptions {
     std::uint64_t seed = 0, draw = 0;
-    bool clamped = false;  ///< posterior patch held beside the ligament
-    bool dynamic = false;  ///< fast loads, inertia, short frames
+    bool clamped = false;                           ///< posterior patch held beside the ligament
+    bool dynamic = false;                           ///< fast loads, inertia, short frames
     double truth_tets = 420.0, case_tets = 1400.0;  ///< about
     int frames = 36, markers = 14, points = 30;
 };
@@ -100,8 +100,10 @@ class TruthBody {
     Facets facets_of(const Band& band) const;
 
     /// The recording under a scenario. `control`: its motion, for frames before an event (else they are solved too).
-    Result<Motion> simulate(const Scenario& scenario, const std::filesystem::path& scratch, const Motion* control) const;
-    /// Rms displacement of the markers [m] under the scenario at one frame, small displacements, without the regions' loads.
+    Result<Motion> simulate(const Scenario& scenario, const std::filesystem::path& scratch,
+                            const Motion* control) const;
+    /// Rms displacement of the markers [m] under the scenario at one frame, small displacements, without the regions'
+    /// loads.
     Result<double> linear_rms(Scenario scenario, std::size_t frame, const std::filesystem::path& scratch) const;
 
   private:
@@ -110,8 +112,8 @@ class TruthBody {
     void place_samples(Random& random);
     void believe(Random& random);
     Status scale_loads(const std::filesystem::path& scratch);
-    Result<Motion> solve(const Scenario& scenario, std::size_t first_frame, std::size_t frames, bool after_event, bool linear,
-                         const std::filesystem::path& scratch) const;
+    Result<Motion> solve(const Scenario& scenario, std::size_t first_frame, std::size_t frames, bool after_event,
+                         bool linear, const std::filesystem::path& scratch) const;
 
     BodyOptions options_;
     LiverShape shape_;

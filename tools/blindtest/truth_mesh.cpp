@@ -36,7 +36,8 @@ void TruthMesh::number_mid_nodes() {
     nodes_ = corners_.nodes;
     for (const auto& tet : corners_.tets)
         for (const auto& [i, j] : kTetEdges) {
-            const auto [found, fresh] = mid_.try_emplace(node_edge(tet[i], tet[j]), static_cast<std::int32_t>(nodes_.size()));
+            const auto [found, fresh] =
+                mid_.try_emplace(node_edge(tet[i], tet[j]), static_cast<std::int32_t>(nodes_.size()));
             if (fresh) nodes_.push_back(times(0.5, plus(corners_.nodes[at(tet[i])], corners_.nodes[at(tet[j])])));
         }
 }
@@ -91,7 +92,8 @@ WedgeLayer TruthMesh::extrude(std::span<const std::int32_t> triangles, double he
         if (fresh) {
             const Point base = times(0.5, plus(corners_.nodes[at(a)], corners_.nodes[at(b)]));
             const Point up = times(0.5, plus(normal.at(a), normal.at(b)));
-            nodes_.push_back(plus(base, times(height_m * static_cast<double>(k) / (2.0 * static_cast<double>(layers)), up)));
+            nodes_.push_back(
+                plus(base, times(height_m * static_cast<double>(k) / (2.0 * static_cast<double>(layers)), up)));
             if (k == 2 * layers) band.far_nodes.push_back(found->second);
         }
         return found->second;
@@ -100,10 +102,10 @@ WedgeLayer TruthMesh::extrude(std::span<const std::int32_t> triangles, double he
         const auto& [a, b, c] = surface_.triangles()[at(triangle)];
         for (std::size_t layer = 0; layer < layers; ++layer) {
             const std::size_t low = 2 * layer, middle = low + 1, high = low + 2;
-            band.wedges.push_back({above(a, a, low), above(b, b, low), above(c, c, low), above(a, a, high), above(b, b, high),
-                                   above(c, c, high), above(a, b, low), above(b, c, low), above(c, a, low), above(a, b, high),
-                                   above(b, c, high), above(c, a, high), above(a, a, middle), above(b, b, middle),
-                                   above(c, c, middle)});
+            band.wedges.push_back({above(a, a, low), above(b, b, low), above(c, c, low), above(a, a, high),
+                                   above(b, b, high), above(c, c, high), above(a, b, low), above(b, c, low),
+                                   above(c, a, low), above(a, b, high), above(b, c, high), above(c, a, high),
+                                   above(a, a, middle), above(b, b, middle), above(c, c, middle)});
         }
     }
     return band;
@@ -168,7 +170,8 @@ QuadraticPoint in_body(const TruthMesh& mesh, const Point& p) {
     double best = -1e-6;
     for (const auto& tet : mesh.corners().tets) {
         const auto node = [&](std::size_t i) -> const Point& { return mesh.corners().nodes[at(tet[i])]; };
-        const Point u = minus(node(1), node(0)), v = minus(node(2), node(0)), w = minus(node(3), node(0)), q = minus(p, node(0));
+        const Point u = minus(node(1), node(0)), v = minus(node(2), node(0)), w = minus(node(3), node(0)),
+                    q = minus(p, node(0));
         const double det = dot(u, cross(v, w));
         std::array<double, 4> l{0.0, dot(q, cross(v, w)) / det, dot(u, cross(q, w)) / det, dot(u, cross(v, q)) / det};
         l[0] = 1.0 - l[1] - l[2] - l[3];
@@ -183,7 +186,8 @@ QuadraticPoint in_body(const TruthMesh& mesh, const Point& p) {
 }
 
 std::vector<std::pair<std::int32_t, double>> patch_weights(const TetMeshData& mesh, const Surface& surface,
-                                                           const TruthMesh* quadratic, const Point& centre_m, double radius_m) {
+                                                           const TruthMesh* quadratic, const Point& centre_m,
+                                                           double radius_m) {
     // Midpoints of the 16 equal parts of a triangle: the density is only C1, a high order would not pay.
     constexpr int kParts = 4;
     std::map<std::int32_t, double> weights;

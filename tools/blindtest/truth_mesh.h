@@ -65,6 +65,7 @@ QuadraticPoint in_body(const TruthMesh& mesh, const Point& p);
 /// empty where the patch misses the surface.
 /// `quadratic`: on the six-node faces, else on the corners.
 std::vector<std::pair<std::int32_t, double>> patch_weights(const TetMeshData& mesh, const Surface& surface,
-                                                           const TruthMesh* quadratic, const Point& centre_m, double radius_m);
+                                                           const TruthMesh* quadratic, const Point& centre_m,
+                                                           double radius_m);
 
 }  // namespace teres::blindtest

@@ -26,7 +26,8 @@ class Writer {
         for (std::size_t part = 0; part < r_.parts.size(); ++part) {
             const Part& p = r_.parts[part];
             first_element_.push_back(next_element_);
-            out_ << "*ELEMENT, TYPE=" << (p.element == Part::Element::kTet10 ? "C3D10" : "C3D15") << ", ELSET=P" << part << "\n";
+            out_ << "*ELEMENT, TYPE=" << (p.element == Part::Element::kTet10 ? "C3D10" : "C3D15") << ", ELSET=P" << part
+                 << "\n";
             for (const auto& element : p.elements) {
                 out_ << next_element_++;
                 for (std::size_t i = 0; i < element.size(); ++i) out_ << (i == 10 ? ",\n" : ", ") << element[i] + 1;
@@ -45,8 +46,10 @@ class Writer {
             for (int axis = 0; axis < 3; ++axis) {
                 const double k = spring.stiffness_n_per_m[static_cast<std::size_t>(axis)];
                 if (k <= 0.0) continue;
-                out_ << "*ELEMENT, TYPE=SPRING1, ELSET=G" << set << "\n" << next_element_++ << ", " << spring.node_id + 1
-                     << "\n*SPRING, ELSET=G" << set << "\n" << axis + 1 << "\n" << number(k) << "\n";
+                out_ << "*ELEMENT, TYPE=SPRING1, ELSET=G" << set << "\n"
+                     << next_element_++ << ", " << spring.node_id + 1 << "\n*SPRING, ELSET=G" << set << "\n"
+                     << axis + 1 << "\n"
+                     << number(k) << "\n";
                 ++set;
             }
         std::string anchors = "*NSET, NSET=ANCHORS\n";
@@ -55,15 +58,17 @@ class Writer {
             const std::size_t anchor = next_node_;
             node_line(spring.anchor_m);
             anchors += std::to_string(anchor) + ",\n";
-            out_ << "*ELEMENT, TYPE=SPRINGA, ELSET=G" << set << "\n" << next_element_++ << ", " << spring.node_id + 1 << ", "
-                 << anchor << "\n*SPRING, ELSET=G" << set << ", NONLINEAR\n\n";
+            out_ << "*ELEMENT, TYPE=SPRINGA, ELSET=G" << set << "\n"
+                 << next_element_++ << ", " << spring.node_id + 1 << ", " << anchor << "\n*SPRING, ELSET=G" << set
+                 << ", NONLINEAR\n\n";
             ++set;
             for (const auto& [elongation, force] : spring.elongation_force)
                 out_ << number(force) << ", " << number(elongation) << "\n";
         }
         for (const auto& [node, mass] : r_.masses_kg) {
-            out_ << "*ELEMENT, TYPE=MASS, ELSET=G" << set << "\n" << next_element_++ << ", " << node + 1 << "\n*MASS, ELSET=G"
-                 << set << "\n" << number(mass) << "\n";
+            out_ << "*ELEMENT, TYPE=MASS, ELSET=G" << set << "\n"
+                 << next_element_++ << ", " << node + 1 << "\n*MASS, ELSET=G" << set << "\n"
+                 << number(mass) << "\n";
             ++set;
         }
         if (!r_.line_springs.empty()) out_ << anchors << "*BOUNDARY\nANCHORS, 1, 3\n";
@@ -93,9 +98,13 @@ class Writer {
         for (const Part& part : r_.parts) creep |= part.material.creep_per_pa_s > 0.0;
         const double dt = r_.max_increment_s;
         out_ << "*STEP, INC=100000" << (r_.large_displacements ? ", NLGEOM" : "") << "\n"
-             << (r_.dynamic ? "*DYNAMIC, ALPHA=0.\n" : creep ? "*VISCO, CETOL=1e6\n" : "*STATIC\n") << number(dt) << ", "
-             << number(r_.times_s.back()) << ", " << number(1e-4 * dt) << ", " << number(dt) << "\n"
-             << "*CONTROLS, PARAMETERS=FIELD\n" << number(r_.residual) << ", " << number(r_.correction) << "\n";
+             << (r_.dynamic ? "*DYNAMIC, ALPHA=0.\n"
+                 : creep    ? "*VISCO, CETOL=1e6\n"
+                            : "*STATIC\n")
+             << number(dt) << ", " << number(r_.times_s.back()) << ", " << number(1e-4 * dt) << ", " << number(dt)
+             << "\n"
+             << "*CONTROLS, PARAMETERS=FIELD\n"
+             << number(r_.residual) << ", " << number(r_.correction) << "\n";
         for (std::size_t i = 0; i < r_.loads.size(); ++i) {
             out_ << "*CLOAD, AMPLITUDE=L" << i << "\n";
             for (const auto& [node, force] : r_.loads[i].pattern)
@@ -105,15 +114,16 @@ class Writer {
         for (std::size_t i = 0; i < r_.pressures.size(); ++i) {
             out_ << "*DLOAD, AMPLITUDE=D" << i << "\n";
             for (const auto& [part, element, face] : r_.pressures[i].faces)
-                out_ << first_element_[static_cast<std::size_t>(part)] + static_cast<std::size_t>(element) << ", P" << face
-                     << ", 1.\n";
+                out_ << first_element_[static_cast<std::size_t>(part)] + static_cast<std::size_t>(element) << ", P"
+                     << face << ", 1.\n";
         }
         for (std::size_t i = 0; i < r_.body_forces.size(); ++i) {
             const Point& g = r_.body_forces[i].direction;
             out_ << "*DLOAD, AMPLITUDE=B" << i << "\n";
             for (std::size_t part = 0; part < r_.parts.size(); ++part)
                 if (r_.parts[part].material.density_kg_m3 > 0.0)
-                    out_ << "P" << part << ", GRAV, 1., " << number(g[0]) << ", " << number(g[1]) << ", " << number(g[2]) << "\n";
+                    out_ << "P" << part << ", GRAV, 1., " << number(g[0]) << ", " << number(g[1]) << ", "
+                         << number(g[2]) << "\n";
         }
         for (std::size_t i = 0; i < r_.supports.size(); ++i)
             if (r_.supports[i].curve_m)
@@ -124,7 +134,8 @@ class Writer {
 
     void curve(const std::string& name, const Curve& curve) {
         out_ << "*AMPLITUDE, NAME=" << name << "\n";
-        for (std::size_t k = 0; k < curve.t_s.size(); ++k) out_ << number(curve.t_s[k]) << ", " << number(curve.value[k]) << "\n";
+        for (std::size_t k = 0; k < curve.t_s.size(); ++k)
+            out_ << number(curve.t_s[k]) << ", " << number(curve.value[k]) << "\n";
     }
     void node_line(const Point& p) {
         out_ << next_node_++ << ", " << number(p[0]) << ", " << number(p[1]) << ", " << number(p[2]) << "\n";

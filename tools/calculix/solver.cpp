@@ -16,8 +16,7 @@ namespace {
 // A number of a fixed column; Fortran drops the E of a three-digit exponent.
 double fortran_number(std::string text) {
     const std::size_t sign = text.find_last_of("+-");
-    if (sign != std::string::npos && sign > 0 &&
-        std::isdigit(static_cast<unsigned char>(text[sign - 1])) != 0) {
+    if (sign != std::string::npos && sign > 0 && std::isdigit(static_cast<unsigned char>(text[sign - 1])) != 0) {
         text.insert(sign, "E");
     }
     char* end = nullptr;
@@ -52,8 +51,7 @@ std::string material_card(const CalculixMaterial& m, const std::string& name, co
             break;
         case Law::kYeoh:  // C10 = G/2, C20, C30; large D2 and D3 leave the volume law linear
             text += "*HYPERELASTIC, YEOH\n" + number(0.5 * m.shear_modulus_pa()) + ", " + number(m.yeoh_c20_pa) + ", " +
-                    number(m.yeoh_c30_pa) + ", " +
-                    volumetric + ", 1., 1.\n";
+                    number(m.yeoh_c30_pa) + ", " + volumetric + ", 1., 1.\n";
             break;
         case Law::kOgden:  // mu1 = G
             text += "*HYPERELASTIC, OGDEN, N=1\n" + number(m.shear_modulus_pa()) + ", " + number(m.alpha) + ", " +
@@ -70,14 +68,14 @@ bool calculix_available() {
     return std::system("ccx -v > /dev/null 2>&1; test $? -ne 127") == 0;
 }
 
-Result<CalculixRun> run_calculix(const std::filesystem::path& folder, const std::string& job, int threads, double limit_s) {
+Result<CalculixRun> run_calculix(const std::filesystem::path& folder, const std::string& job, int threads,
+                                 double limit_s) {
     if (!calculix_available()) return host_fault("program 'ccx' not found; apt-get install calculix-ccx");
     const auto start = std::chrono::steady_clock::now();
     // The limit is on processor time: a busy machine makes a run later, not another.
-    const std::string command = "cd '" + folder.string() + "' && ulimit -t " +
-                                std::to_string(static_cast<long>(std::ceil(limit_s * threads))) +
-                                " && OMP_NUM_THREADS=" + std::to_string(threads) + " nice -n 10 ccx -i " + job + " > " +
-                                job + ".log 2>&1";
+    const std::string command =
+        "cd '" + folder.string() + "' && ulimit -t " + std::to_string(static_cast<long>(std::ceil(limit_s * threads))) +
+        " && OMP_NUM_THREADS=" + std::to_string(threads) + " nice -n 10 ccx -i " + job + " > " + job + ".log 2>&1";
     const int code = std::system(command.c_str());
     const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
     const std::string log = read_text(folder / (job + ".log"));
@@ -113,7 +111,8 @@ Result<std::vector<CalculixBlock>> read_blocks(const std::string& dat, const std
             values[i] = fortran_number(field);
             if (!std::isfinite(values[i])) return not_usable("not a number in the .dat file: '" + line + "'");
         }
-        blocks.back().rows[static_cast<std::int32_t>(std::strtol(line.substr(0, 10).c_str(), nullptr, 10)) - 1] = values;
+        blocks.back().rows[static_cast<std::int32_t>(std::strtol(line.substr(0, 10).c_str(), nullptr, 10)) - 1] =
+            values;
     }
     return blocks;
 }

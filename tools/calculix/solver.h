@@ -22,9 +22,9 @@ struct CalculixMaterial {
     Law law = Law::kLinear;
     double youngs_modulus_pa = 0.0;
     double poissons_ratio = 0.0;
-    double alpha = 1.0;          ///< Ogden only
+    double alpha = 1.0;                           ///< Ogden only
     double yeoh_c20_pa = 0.0, yeoh_c30_pa = 0.0;  ///< Yeoh only
-    double density_kg_m3 = 0.0;  ///< needed with gravity and inertia
+    double density_kg_m3 = 0.0;                   ///< needed with gravity and inertia
     double creep_per_pa_s = 0.0;  ///< kLinear only, > 0: deviatoric creep rate = creep * Mises stress (*VISCO step)
     double rayleigh_mass_1_s = 0.0, rayleigh_stiffness_s = 0.0;  ///< dynamic steps only
 
@@ -48,7 +48,8 @@ struct CalculixRun {
 
 /// Runs <folder>/<job>.inp. Errors: kHostFault: ccx missing; kNotUsable: it failed or took more than `limit_s` of
 /// processor time (with its last words).
-Result<CalculixRun> run_calculix(const std::filesystem::path& folder, const std::string& job, int threads, double limit_s);
+Result<CalculixRun> run_calculix(const std::filesystem::path& folder, const std::string& job, int threads,
+                                 double limit_s);
 
 /// One printed table of a .dat file: rows "id v1 v2 v3"; ids 0-based.
 struct CalculixBlock {

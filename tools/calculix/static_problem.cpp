@@ -101,8 +101,7 @@ Result<std::map<std::int32_t, Point>> nodal_loads(const CalculixProblem& problem
                                      std::to_string(load.face[1]) + " " + std::to_string(load.face[2]) +
                                      " is not a face of the mesh");
             }
-            add(problem.quadratic ? found->second : load.face[i], load.traction_pa,
-                area(problem, load.face) / 3.0);
+            add(problem.quadratic ? found->second : load.face[i], load.traction_pa, area(problem, load.face) / 3.0);
         }
     }
     return loads;
@@ -190,8 +189,7 @@ Result<std::string> calculix_input(const CalculixProblem& problem) {
     return out.str();
 }
 
-Result<CalculixSolution> solve_with_calculix(const CalculixProblem& problem,
-                                             const std::filesystem::path& scratch) {
+Result<CalculixSolution> solve_with_calculix(const CalculixProblem& problem, const std::filesystem::path& scratch) {
     TERES_TRY_ASSIGN(const std::string input, calculix_input(problem));
     std::ofstream(scratch / "job.inp") << input;
     TERES_TRY_ASSIGN(const CalculixRun run, run_calculix(scratch, "job", problem.threads, 3600.0));

@@ -63,7 +63,6 @@ Result<std::string> calculix_input(const CalculixProblem& problem);
 /// Writes, runs ccx at low priority in `scratch` (a folder that exists) and reads the displacements of the
 /// last increment. Errors: of calculix_input; kHostFault: ccx missing; kNotUsable: ccx failed or did not
 /// reach full load (with its text).
-Result<CalculixSolution> solve_with_calculix(const CalculixProblem& problem,
-                                             const std::filesystem::path& scratch);
+Result<CalculixSolution> solve_with_calculix(const CalculixProblem& problem, const std::filesystem::path& scratch);
 
 }  // namespace teres::calculix

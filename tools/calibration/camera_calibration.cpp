@@ -26,7 +26,8 @@ std::optional<BoardView> find_checkerboard(const cv::Mat& grey, const Board& boa
         return std::nullopt;
     for (int row = 0; row < board.rows; ++row)
         for (int column = 0; column < board.columns; ++column)
-            view.corners_m.emplace_back(static_cast<float>(column * board.size_m), static_cast<float>(row * board.size_m), 0.0F);
+            view.corners_m.emplace_back(static_cast<float>(column * board.size_m),
+                                        static_cast<float>(row * board.size_m), 0.0F);
     return view;
 }
 
@@ -49,7 +50,8 @@ double covered_share(std::span<const BoardView> views, int width_px, int height_
     std::set<std::pair<int, int>> fields;
     for (const BoardView& view : views)
         for (const cv::Point2f& p : view.pixels)
-            fields.emplace(static_cast<int>(p.x * kFieldsAcross / static_cast<float>(width_px)), static_cast<int>(p.y * kFieldsDown / static_cast<float>(height_px)));
+            fields.emplace(static_cast<int>(p.x * kFieldsAcross / static_cast<float>(width_px)),
+                           static_cast<int>(p.y * kFieldsDown / static_cast<float>(height_px)));
     return static_cast<double>(fields.size()) / (kFieldsAcross * kFieldsDown);
 }
 
@@ -84,19 +86,23 @@ Result<CameraCalibration> calibrate(std::span<BoardView> views, int width_px, in
     cv::Mat K, distortion, stdev, stdev_poses, per_view;
     std::vector<cv::Mat> rotations, translations;
     CameraCalibration result;
-    result.rms_px = cv::calibrateCamera(corners, pixels, {width_px, height_px}, K, distortion, rotations, translations, stdev,
-                                        stdev_poses, per_view, with_k3 ? 0 : cv::CALIB_FIX_K3);
-    result.camera = {width_px, height_px, K.at<double>(0, 0), K.at<double>(1, 1), K.at<double>(0, 2), K.at<double>(1, 2), {}};
+    result.rms_px = cv::calibrateCamera(corners, pixels, {width_px, height_px}, K, distortion, rotations, translations,
+                                        stdev, stdev_poses, per_view, with_k3 ? 0 : cv::CALIB_FIX_K3);
+    result.camera = {width_px,           height_px, K.at<double>(0, 0), K.at<double>(1, 1), K.at<double>(0, 2),
+                     K.at<double>(1, 2), {}};
     for (int i = 0; i < 5; ++i) result.camera.distortion[static_cast<std::size_t>(i)] = distortion.at<double>(i);
     for (int i = 0; i < 4; ++i) result.stdev_px[static_cast<std::size_t>(i)] = stdev.at<double>(i);
     for (std::size_t i = 0; i < views.size(); ++i) views[i].rms_px = per_view.at<double>(static_cast<int>(i));
     result.covered_share = covered_share(views, width_px, height_px);
     result.tilt_deg = largest_tilt_deg(rotations);
     const double f = result.camera.fx_px;
-    if (!(f > 0.0) || !std::isfinite(result.rms_px) || !(result.stdev_px[0] < kMaxFocalStdev * f) || result.tilt_deg < kMinTilt_deg)
-        return not_usable(fmt::format("the views leave the focal length open ({:.0f} +- {:.0f} px, at most 2 % are allowed; largest tilt between "
-                                      "two views {:.0f} degrees, at least {:.0f} are needed): hold the board at 30 to 45 degrees, to several sides",
-                                      f, result.stdev_px[0], result.tilt_deg, kMinTilt_deg));
+    if (!(f > 0.0) || !std::isfinite(result.rms_px) || !(result.stdev_px[0] < kMaxFocalStdev * f) ||
+        result.tilt_deg < kMinTilt_deg)
+        return not_usable(fmt::format(
+            "the views leave the focal length open ({:.0f} +- {:.0f} px, at most 2 % are allowed; largest tilt between "
+            "two views {:.0f} degrees, at least {:.0f} are needed): hold the board at 30 to 45 degrees, to several "
+            "sides",
+            f, result.stdev_px[0], result.tilt_deg, kMinTilt_deg));
     return result;
 }
 
@@ -109,7 +115,8 @@ double StereoCalibration::turn_deg() const {
     return std::acos(std::clamp(0.5 * (R[0] + R[4] + R[8] - 1.0), -1.0, 1.0)) * 180.0 / std::numbers::pi;
 }
 
-Result<StereoCalibration> calibrate_stereo(std::span<BoardView> left, std::span<BoardView> right, int width_px, int height_px, bool with_k3) {
+Result<StereoCalibration> calibrate_stereo(std::span<BoardView> left, std::span<BoardView> right, int width_px,
+                                           int height_px, bool with_k3) {
     StereoCalibration result;
     TERES_TRY_ASSIGN(result.left, calibrate(left, width_px, height_px, with_k3));
     TERES_TRY_ASSIGN(result.right, calibrate(right, width_px, height_px, with_k3));
@@ -131,12 +138,17 @@ Result<StereoCalibration> calibrate_stereo(std::span<BoardView> left, std::span<
         right_pixels.push_back(std::move(in_right));
     }
     if (corners.size() < kMinViews)
-        return not_usable(fmt::format("board found by both cameras in {} pairs, at least {} are needed", corners.size(), kMinViews));
-    const auto matrix = [](const CameraModel& c) { return cv::Mat(cv::Matx33d(c.fx_px, 0.0, c.cx_px, 0.0, c.fy_px, c.cy_px, 0.0, 0.0, 1.0)); };
+        return not_usable(
+            fmt::format("board found by both cameras in {} pairs, at least {} are needed", corners.size(), kMinViews));
+    const auto matrix = [](const CameraModel& c) {
+        return cv::Mat(cv::Matx33d(c.fx_px, 0.0, c.cx_px, 0.0, c.fy_px, c.cy_px, 0.0, 0.0, 1.0));
+    };
     const auto distortion = [](const CameraModel& c) { return cv::Mat(c.distortion, true); };
-    cv::Mat K1 = matrix(result.left.camera), D1 = distortion(result.left.camera), K2 = matrix(result.right.camera), D2 = distortion(result.right.camera);
+    cv::Mat K1 = matrix(result.left.camera), D1 = distortion(result.left.camera), K2 = matrix(result.right.camera),
+            D2 = distortion(result.right.camera);
     cv::Mat R, t, E, F;  // x_right = R x_left + t
-    result.rms_px = cv::stereoCalibrate(corners, left_pixels, right_pixels, K1, D1, K2, D2, {width_px, height_px}, R, t, E, F, cv::CALIB_FIX_INTRINSIC);
+    result.rms_px = cv::stereoCalibrate(corners, left_pixels, right_pixels, K1, D1, K2, D2, {width_px, height_px}, R, t,
+                                        E, F, cv::CALIB_FIX_INTRINSIC);
     Pose left_to_right;
     for (int i = 0; i < 9; ++i) left_to_right.R[static_cast<std::size_t>(i)] = R.at<double>(i / 3, i % 3);
     for (int i = 0; i < 3; ++i) left_to_right.t[static_cast<std::size_t>(i)] = t.at<double>(i);
@@ -144,20 +156,26 @@ Result<StereoCalibration> calibrate_stereo(std::span<BoardView> left, std::span<
     return result;
 }
 
-Status write_calibration(const std::string& file, const CameraCalibration& calibration, std::size_t num_views, const std::optional<Mounting>& mounting) {
+Status write_calibration(const std::string& file, const CameraCalibration& calibration, std::size_t num_views,
+                         const std::optional<Mounting>& mounting) {
     const CameraModel& c = calibration.camera;
     std::ofstream out(file);
     out << fmt::format(
-        "# teres calibrate-camera: {} views, reprojection error {:.3f} px rms, board in {:.0f} % of the image's fields\n"
-        "width_px = {}\nheight_px = {}\nfx_px = {:.4f}    # +- {:.3f}\nfy_px = {:.4f}    # +- {:.3f}\ncx_px = {:.4f}    # +- {:.3f}\n"
+        "# teres calibrate-camera: {} views, reprojection error {:.3f} px rms, board in {:.0f} % of the image's "
+        "fields\n"
+        "width_px = {}\nheight_px = {}\nfx_px = {:.4f}    # +- {:.3f}\nfy_px = {:.4f}    # +- {:.3f}\ncx_px = {:.4f}   "
+        " # +- {:.3f}\n"
         "cy_px = {:.4f}    # +- {:.3f}\ndistortion = [{:.8f}, {:.8f}, {:.8f}, {:.8f}, {:.8f}]    # k1 k2 p1 p2 k3\n",
-        num_views, calibration.rms_px, 100.0 * calibration.covered_share, c.width_px, c.height_px, c.fx_px, calibration.stdev_px[0], c.fy_px,
-        calibration.stdev_px[1], c.cx_px, calibration.stdev_px[2], c.cy_px, calibration.stdev_px[3], c.distortion[0], c.distortion[1],
-        c.distortion[2], c.distortion[3], c.distortion[4]);
+        num_views, calibration.rms_px, 100.0 * calibration.covered_share, c.width_px, c.height_px, c.fx_px,
+        calibration.stdev_px[0], c.fy_px, calibration.stdev_px[1], c.cx_px, calibration.stdev_px[2], c.cy_px,
+        calibration.stdev_px[3], c.distortion[0], c.distortion[1], c.distortion[2], c.distortion[3], c.distortion[4]);
     if (mounting) {
         const auto& [R, t] = mounting->to_reference;
-        out << fmt::format("reference_frame = \"{}\"    # x_reference = R x + t; pair: {:.3f} px rms\nrotation = [{:.9f}]\ntranslation_m = [{:.7f}]\nbaseline_m = {:.7f}\n",
-                           mounting->reference_frame, mounting->rms_px, fmt::join(R, ", "), fmt::join(t, ", "), std::hypot(t[0], t[1], t[2]));
+        out << fmt::format(
+            "reference_frame = \"{}\"    # x_reference = R x + t; pair: {:.3f} px rms\nrotation = "
+            "[{:.9f}]\ntranslation_m = [{:.7f}]\nbaseline_m = {:.7f}\n",
+            mounting->reference_frame, mounting->rms_px, fmt::join(R, ", "), fmt::join(t, ", "),
+            std::hypot(t[0], t[1], t[2]));
     }
     out.close();
     return out ? Status() : Status(host_fault("cannot write " + file));

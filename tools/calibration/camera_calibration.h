@@ -33,14 +33,14 @@ struct BoardView {
 
 struct CameraCalibration {
     CameraModel camera;
-    double rms_px = 0.0;                  ///< reprojection error over all corners
-    std::array<double, 4> stdev_px{};     ///< of fx, fy, cx, cy
-    double covered_share = 0.0;           ///< of 8 x 6 fields of the image that hold a corner
-    double tilt_deg = 0.0;                ///< largest angle between the board's planes in two views
+    double rms_px = 0.0;               ///< reprojection error over all corners
+    std::array<double, 4> stdev_px{};  ///< of fx, fy, cx, cy
+    double covered_share = 0.0;        ///< of 8 x 6 fields of the image that hold a corner
+    double tilt_deg = 0.0;             ///< largest angle between the board's planes in two views
 };
 
-/// Board in an 8-bit grey picture, corners to a fraction of a pixel; nothing if it is not found whole (checkerboard) or if
-/// fewer than four of its tags are seen.
+/// Board in an 8-bit grey picture, corners to a fraction of a pixel; nothing if it is not found whole (checkerboard) or
+/// if fewer than four of its tags are seen.
 std::optional<BoardView> find_board(const cv::Mat& grey, const Board& board);
 
 /// with_k3: sixth-order distortion too (needs corners near the image's corners). Sets rms_px of the views.
@@ -55,9 +55,10 @@ struct StereoCalibration {
     double turn_deg() const;
 };
 
-/// left[i], right[i]: the same board at the same time, from cameras of one picture size; only corners that both see count for
-/// the pose between them. Errors: kNotUsable as for one camera, or fewer than four pairs.
-Result<StereoCalibration> calibrate_stereo(std::span<BoardView> left, std::span<BoardView> right, int width_px, int height_px, bool with_k3 = false);
+/// left[i], right[i]: the same board at the same time, from cameras of one picture size; only corners that both see
+/// count for the pose between them. Errors: kNotUsable as for one camera, or fewer than four pairs.
+Result<StereoCalibration> calibrate_stereo(std::span<BoardView> left, std::span<BoardView> right, int width_px,
+                                           int height_px, bool with_k3 = false);
 
 /// What a second camera's file says besides: where it stands to the first.
 struct Mounting {

@@ -77,8 +77,7 @@ std::string complaint(const fs::path& log) {
     while (const auto line = lines.next_line())
         if (line->find("Error") != std::string_view::npos && out.size() < 300 &&
             line->find("---") == std::string_view::npos)
-            out += (out.empty() ? "" : "; ") +
-                   std::string(line->substr(std::min<std::size_t>(10, line->size())));
+            out += (out.empty() ? "" : "; ") + std::string(line->substr(std::min<std::size_t>(10, line->size())));
     return out.empty() ? "no reason given" : out;
 }
 
@@ -139,8 +138,7 @@ MeshQuality measure_quality(const TetMeshData& mesh) {
         q.volume_m3 += six_volumes / 6.0;
         // r = 3 V / A, R = |a^2 (b x c) + b^2 (c x a) + c^2 (a x b)| / (12 V)
         const double R =
-            (a.squaredNorm() * b.cross(c) + b.squaredNorm() * c.cross(a) + c.squaredNorm() * a.cross(b))
-                .norm() /
+            (a.squaredNorm() * b.cross(c) + b.squaredNorm() * c.cross(a) + c.squaredNorm() * a.cross(b)).norm() /
             (2.0 * six_volumes);
         const double area =
             0.5 * (a.cross(b).norm() + b.cross(c).norm() + c.cross(a).norm() + (b - a).cross(c - a).norm());
@@ -173,12 +171,10 @@ MeshQuality measure_quality(const TetMeshData& mesh) {
 }
 
 Result<TetMeshing> mesh_surface(const TriangleSurface& surface, const std::string& name, double unit_m,
-                                const MeshingSettings& settings,
-                                const std::function<void(int, std::size_t)>& done) {
+                                const MeshingSettings& settings, const std::function<void(int, std::size_t)>& done) {
     if (const auto cut = ClosestPointSearch(surface).self_intersection())
-        return invalid_input(name + ": the surface cuts itself: triangles " + std::to_string(cut->first) +
-                             " and " + std::to_string(cut->second) + " at " +
-                             place_text(surface.corner(cut->first, 0), unit_m));
+        return invalid_input(name + ": the surface cuts itself: triangles " + std::to_string(cut->first) + " and " +
+                             std::to_string(cut->second) + " at " + place_text(surface.corner(cut->first, 0), unit_m));
     std::string pattern = (fs::temp_directory_path() / "teres-mesh-XXXXXX").string();
     if (mkdtemp(pattern.data()) == nullptr) return host_fault(pattern + ": no scratch folder can be made");
     const ScratchFolder scratch{pattern};
@@ -188,10 +184,8 @@ Result<TetMeshing> mesh_surface(const TriangleSurface& surface, const std::strin
     out.size_m = std::cbrt(6.0 * std::numbers::sqrt2 * signed_volume(surface) / settings.num_tets);
     double size_m = out.size_m;
     std::size_t last_count = 0;
-    for (int round = 1; round <= settings.max_rounds && out.quality.min_ratio < settings.good_ratio;
-         ++round) {
-        TERES_TRY(
-            write_text_file(scratch.path / "mesh.geo", geometry_text(size_m, settings.feature_angle_deg)));
+    for (int round = 1; round <= settings.max_rounds && out.quality.min_ratio < settings.good_ratio; ++round) {
+        TERES_TRY(write_text_file(scratch.path / "mesh.geo", geometry_text(size_m, settings.feature_angle_deg)));
         TERES_TRY_ASSIGN(TetMeshData mesh, run_gmsh(scratch.path, name));
         last_count = mesh.tets.size();
         done(round, last_count);
@@ -212,15 +206,13 @@ Result<TetMeshing> mesh_surface(const TriangleSurface& surface, const std::strin
     }
     if (out.mesh.tets.empty())
         return not_usable(name + ": " + std::to_string(last_count) + " tetrahedra after " +
-                          std::to_string(settings.max_rounds) + " rounds, wanted " +
-                          std::to_string(settings.num_tets) + " +- " + to_text(100.0 * settings.tolerance) +
-                          " %");
+                          std::to_string(settings.max_rounds) + " rounds, wanted " + std::to_string(settings.num_tets) +
+                          " +- " + to_text(100.0 * settings.tolerance) + " %");
     TERES_TRY(check_body_mesh(out.mesh, name));
     const Surface boundary(out.mesh);
     for (Eigen::Index v = 0; v < surface.num_vertices(); ++v)
-        out.surface_distance_m =
-            std::max(out.surface_distance_m,
-                     boundary.closest({surface.V(0, v), surface.V(1, v), surface.V(2, v)}).distance_m);
+        out.surface_distance_m = std::max(
+            out.surface_distance_m, boundary.closest({surface.V(0, v), surface.V(1, v), surface.V(2, v)}).distance_m);
     return out;
 }
 

@@ -38,7 +38,6 @@ MeshQuality measure_quality(const TetMeshData& mesh);
 /// Errors: kInvalidInput, the surface cuts itself (place named); kHostFault, gmsh is missing; kNotUsable,
 /// gmsh failed (its words) or the number of tetrahedra is not met within max_rounds.
 Result<TetMeshing> mesh_surface(const TriangleSurface& surface, const std::string& name, double unit_m,
-                                const MeshingSettings& settings,
-                                const std::function<void(int, std::size_t)>& done);
+                                const MeshingSettings& settings, const std::function<void(int, std::size_t)>& done);
 
 }  // namespace teres

@@ -39,8 +39,7 @@ std::vector<SpringGroup> spring_groups(const SpringTable& table) {
     std::vector<SpringGroup> groups;
     for (std::size_t s = 0; s < table.springs.size(); ++s) {
         const std::string name = table.group.empty() ? std::to_string(s) : table.group[s];
-        auto at =
-            std::find_if(groups.begin(), groups.end(), [&](const SpringGroup& g) { return g.name == name; });
+        auto at = std::find_if(groups.begin(), groups.end(), [&](const SpringGroup& g) { return g.name == name; });
         if (at == groups.end()) at = groups.insert(groups.end(), SpringGroup{name, {}});
         at->springs.push_back(s);
     }
@@ -52,8 +51,8 @@ Status assign_springs(const std::vector<std::size_t>& wanted, const JsonObject& 
     const JsonObject::Keys keys = {"param_order", "parameters", "parameter_order"};
     FilterSettings& filter = scene.filter;
     if (!scene.springs)
-        return settings.error(keys, in_quotes(filter.names[wanted.front()]) +
-                                        " names no modulus, and the scene has no springs");
+        return settings.error(
+            keys, in_quotes(filter.names[wanted.front()]) + " names no modulus, and the scene has no springs");
     const auto groups = spring_groups(*scene.springs);
     const std::size_t per_spring = scene.springs->num_coefficients;
     const auto set = [&](std::size_t parameter, std::size_t group, std::size_t coefficient) {
@@ -86,10 +85,9 @@ Status assign_springs(const std::vector<std::size_t>& wanted, const JsonObject& 
         for (std::size_t i = 0; i < wanted.size(); ++i) {
             const long group = numbers[i][0] - first_spring,
                        coefficient = levels == 2 ? numbers[i][1] - first_coefficient : 0;
-            const bool known = group >= 0 && static_cast<std::size_t>(group) < groups.size() &&
-                               coefficient >= 0 && static_cast<std::size_t>(coefficient) < per_spring;
-            const auto slot =
-                static_cast<std::size_t>(group) * per_spring + static_cast<std::size_t>(coefficient);
+            const bool known = group >= 0 && static_cast<std::size_t>(group) < groups.size() && coefficient >= 0 &&
+                               static_cast<std::size_t>(coefficient) < per_spring;
+            const auto slot = static_cast<std::size_t>(group) * per_spring + static_cast<std::size_t>(coefficient);
             if (!known || taken[slot])
                 return settings.error(keys, in_quotes(filter.names[wanted[i]]) + " fits none of the " +
                                                 std::to_string(groups.size()) + " springs or groups with " +
@@ -119,8 +117,7 @@ Status assign_targets(const JsonObject& settings, Scene& scene) {
         ParameterTarget target;
         const std::string name = plain(filter.names[p]);
         if (scene.modulus_names.empty()) {
-            if (name == "e" || name.rfind("young", 0) == 0 || name.rfind("modulus", 0) == 0)
-                target.regions = {0};
+            if (name == "e" || name.rfind("young", 0) == 0 || name.rfind("modulus", 0) == 0) target.regions = {0};
         } else {
             for (std::size_t r = 0; r < scene.modulus_names.size(); ++r)
                 if (scene.modulus_names[r] == filter.names[p]) target.regions = {r};
@@ -165,8 +162,7 @@ Status read_transforms(const JsonObject& settings, FilterSettings& filter) {
         else if (name.rfind("exp", 0) == 0 || name == "log")
             transform = Transform::kLog;
         else
-            return settings.error(
-                keys, in_quotes(text) + " is not none, absolute, project, sigmoid or exponential");
+            return settings.error(keys, in_quotes(text) + " is not none, absolute, project, sigmoid or exponential");
         filter.transform.push_back(transform);
     }
     return {};
@@ -189,12 +185,11 @@ Status read_prior(const JsonObject& settings, FilterSettings& filter) {
     filter.filter_stdev.assign(filter.names.size(), 0.0);
     for (Eigen::Index i = 0; i < p; ++i) {
         const auto at = static_cast<std::size_t>(i);
-        if (!(filter.stdev(i) > 0.0))
-            return settings.error(stdev, to_text(filter.stdev(i)) + " is not above 0");
+        if (!(filter.stdev(i) > 0.0)) return settings.error(stdev, to_text(filter.stdev(i)) + " is not above 0");
         const Transform transform = filter.transform[at];
         const bool bounded = transform == Transform::kProject || transform == Transform::kScaledSigmoid;
-        if (bounded && !(std::isfinite(filter.lower(i)) && std::isfinite(filter.upper(i)) &&
-                         filter.lower(i) < filter.upper(i)))
+        if (bounded &&
+            !(std::isfinite(filter.lower(i)) && std::isfinite(filter.upper(i)) && filter.lower(i) < filter.upper(i)))
             return settings.error(min, "the transform of " + filter.names[at] + " needs min < max");
         if (!bounded) {  // the peer's bounds act in project and sigmoid only
             filter.lower(i) = -std::numeric_limits<double>::infinity();
@@ -220,23 +215,21 @@ Status read_sigma_points(const JsonObject& settings, FilterSettings& filter) {
         filter.points = SigmaPointKind::kStarConstantWeight;
     else
         return settings.error(keys, in_quotes(text) + " is neither simplex nor star");
-    TERES_TRY_ASSIGN(filter.star_lambda,
-                     settings.number_or({"lambda", "lambda_scale", "star_lambda"}, 0.0, 1e6, 1.0));
+    TERES_TRY_ASSIGN(filter.star_lambda, settings.number_or({"lambda", "lambda_scale", "star_lambda"}, 0.0, 1e6, 1.0));
     if (settings.has({"weights"})) {
         TERES_TRY_ASSIGN(std::string weights, settings.text({"weights"}));
         weights.erase(std::remove(weights.begin(), weights.end(), ' '), weights.end());
         const bool simplex = filter.points == SigmaPointKind::kSimplex;
-        const bool known = simplex ? weights == "1/(p+1)" || weights == "1/r" || plain(weights) == "equal" ||
-                                         plain(weights) == "constant"
-                                   : weights == "1/(2(p+lambda))" || weights == "1/(2*(p+lambda))" ||
-                                         plain(weights) == "constant";
+        const bool known =
+            simplex
+                ? weights == "1/(p+1)" || weights == "1/r" || plain(weights) == "equal" || plain(weights) == "constant"
+                : weights == "1/(2(p+lambda))" || weights == "1/(2*(p+lambda))" || plain(weights) == "constant";
         if (!known)
-            return settings.error(
-                {"weights"}, in_quotes(weights) + " is not " + (simplex ? "1/(p+1)" : "1/(2(p+lambda))"));
+            return settings.error({"weights"},
+                                  in_quotes(weights) + " is not " + (simplex ? "1/(p+1)" : "1/(2(p+lambda))"));
     }
-    TERES_TRY_ASSIGN(
-        filter.unbiased_variance,
-        settings.boolean_or({"unbiased_variance", "use_unbiased_variance", "useUnbiasedVariance"}, false));
+    TERES_TRY_ASSIGN(filter.unbiased_variance,
+                     settings.boolean_or({"unbiased_variance", "use_unbiased_variance", "useUnbiasedVariance"}, false));
     if (filter.unbiased_variance) {
         if (filter.kind != FilterKind::kRoUkf || filter.points != SigmaPointKind::kSimplex)
             return settings.error({"unbiased_variance", "use_unbiased_variance", "useUnbiasedVariance"},
@@ -263,8 +256,7 @@ Status read_filter_settings(const std::string& file, Scene& scene) {
              (name.find("ukf") != std::string::npos && name.find("parameter") != std::string::npos))
         filter.kind = FilterKind::kUkfParameters;
     else
-        return settings.error(kind_keys,
-                              in_quotes(kind) + " is neither ROUKF nor UKF parameters only (SimCorr)");
+        return settings.error(kind_keys, in_quotes(kind) + " is neither ROUKF nor UKF parameters only (SimCorr)");
 
     TERES_TRY_ASSIGN(filter.names, settings.texts({"param_order", "parameters", "parameter_order"}));
     if (filter.names.empty()) return settings.error({"param_order"}, "names no parameter");
@@ -281,17 +273,15 @@ Status read_filter_settings(const std::string& file, Scene& scene) {
     const bool reduced = filter.kind == FilterKind::kRoUkf;
     TERES_TRY_ASSIGN(const bool positions, settings.boolean_or({"positions_in_state"}, reduced));
     if (positions != reduced)
-        return settings.error({"positions_in_state"}, std::string(positions ? "true" : "false") +
-                                                          " does not go with " + in_quotes(kind));
+        return settings.error({"positions_in_state"},
+                              std::string(positions ? "true" : "false") + " does not go with " + in_quotes(kind));
     TERES_TRY_ASSIGN(filter.velocities_in_state, settings.boolean_or({"velocities_in_state"}, false));
     if (filter.velocities_in_state && !reduced)
         return settings.error({"velocities_in_state"}, "true does not go with " + in_quotes(kind));
     if (settings.has({"process_noise", "process_noise_stdev"})) {
-        TERES_TRY_ASSIGN(filter.process_noise_stdev,
-                         settings.numbers({"process_noise", "process_noise_stdev"},
-                                          static_cast<Eigen::Index>(filter.names.size())));
-        if (filter.process_noise_stdev.minCoeff() < 0.0)
-            return settings.error({"process_noise"}, "is negative");
+        TERES_TRY_ASSIGN(filter.process_noise_stdev, settings.numbers({"process_noise", "process_noise_stdev"},
+                                                                      static_cast<Eigen::Index>(filter.names.size())));
+        if (filter.process_noise_stdev.minCoeff() < 0.0) return settings.error({"process_noise"}, "is negative");
         if (filter.process_noise_stdev.isZero()) filter.process_noise_stdev.resize(0);
     }
     TERES_TRY_ASSIGN(const double added,
@@ -299,12 +289,11 @@ Status read_filter_settings(const std::string& file, Scene& scene) {
     if (added != 0.0 && !scene.recording.stored)
         return settings.error(
             {"observation_noise_added"},
-            to_text(added) +
-                ": the noise of the recorded run cannot be made again; only 0 or stored observations");
+            to_text(added) + ": the noise of the recorded run cannot be made again; only 0 or stored observations");
     TERES_TRY_ASSIGN(const double dt, settings.number_or({"dt", "dt_s"}, 0.0, 1e6, scene.filter_run.dt_s));
     if (std::abs(dt - scene.filter_run.dt_s) > 1e-12 * scene.filter_run.dt_s)
-        return settings.error({"dt", "dt_s"}, to_text(dt) + " is not the dt_s of scene.json, " +
-                                                  to_text(scene.filter_run.dt_s));
+        return settings.error({"dt", "dt_s"},
+                              to_text(dt) + " is not the dt_s of scene.json, " + to_text(scene.filter_run.dt_s));
     settings.has({"steps_compared"});  // scene.json's compared_rows rules
     settings.report_unknown(scene.warnings);
     return {};

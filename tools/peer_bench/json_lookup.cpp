@@ -108,8 +108,7 @@ Result<Eigen::VectorXd> JsonObject::numbers(Keys keys, Eigen::Index count) const
         return Eigen::VectorXd(Eigen::VectorXd::Constant(count, one));
     }
     if (!value->is_array() || static_cast<Eigen::Index>(value->size()) != count)
-        return error(
-            keys, "is not a list of " + std::to_string(count) + " numbers: " + value->dump().substr(0, 60));
+        return error(keys, "is not a list of " + std::to_string(count) + " numbers: " + value->dump().substr(0, 60));
     Eigen::VectorXd out(count);
     for (Eigen::Index i = 0; i < count; ++i) {
         TERES_TRY_ASSIGN(out(i), check((*value)[static_cast<std::size_t>(i)], keys, -kHuge, kHuge));
@@ -122,8 +121,7 @@ Result<std::vector<std::string>> JsonObject::texts(Keys keys) const {
     if (value == nullptr) return error(keys, "is missing");
     std::vector<std::string> out;
     const auto add = [&](const Json& one) -> Status {
-        if (!one.is_string())
-            return error(keys, "is not a text or a list of texts: " + value->dump().substr(0, 60));
+        if (!one.is_string()) return error(keys, "is not a text or a list of texts: " + value->dump().substr(0, 60));
         out.push_back(one.get<std::string>());
         return {};
     };
@@ -179,9 +177,7 @@ Result<std::vector<StepRange>> JsonObject::step_ranges(Keys keys) const {
     std::vector<StepRange> out;
     const Json* value = find(keys);
     if (value == nullptr) return out;
-    const auto bad = [&] {
-        return error(keys, "is not a range of steps [from, to]: " + value->dump().substr(0, 60));
-    };
+    const auto bad = [&] { return error(keys, "is not a range of steps [from, to]: " + value->dump().substr(0, 60)); };
     if (!value->is_array()) return bad();
     const auto add = [&](const Json& pair) -> Status {
         if (!pair.is_array() || pair.size() != 2) return bad();

@@ -26,18 +26,15 @@ int main(int argc, char** argv) {
     app.add_flag("--own", options.own, "also run our own filter on the same observations");
     app.add_flag("--own-only", options.own_only, "run our own filter only");
     app.add_flag("--verbose", options.verbose, "more numbers: largest difference of each tenth of the run");
-    app.add_option("--rows", options.max_rows, "compare only the first rows (0: all)")
-        ->check(CLI::NonNegativeNumber);
-    app.add_option("--threads", options.threads,
-                   "threads for the sigma points (0: as many as cores, at most 8)")
+    app.add_option("--rows", options.max_rows, "compare only the first rows (0: all)")->check(CLI::NonNegativeNumber);
+    app.add_option("--threads", options.threads, "threads for the sigma points (0: as many as cores, at most 8)")
         ->check(CLI::Range(0, 64));
     try {
         app.parse(argc, argv);
     } catch (const CLI::ParseError& e) {
         return app.exit(e) == 0 ? 0 : 2;
     }
-    if (options.threads == 0)
-        options.threads = std::clamp<std::size_t>(std::thread::hardware_concurrency(), 1, 8);
+    if (options.threads == 0) options.threads = std::clamp<std::size_t>(std::thread::hardware_concurrency(), 1, 8);
     nlohmann::ordered_json out{{"folders", nlohmann::ordered_json::array()}};
     int worst = 0;
     for (const auto& folder : folders) {

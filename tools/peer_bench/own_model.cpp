@@ -23,8 +23,7 @@ constexpr double kLeastShare = 1e-6;
 
 }  // namespace
 
-OwnModel::OwnModel(const Scene& scene, const PeerModel& model, std::size_t threads)
-    : scene_(scene), model_(model) {
+OwnModel::OwnModel(const Scene& scene, const PeerModel& model, std::size_t threads) : scene_(scene), model_(model) {
     const double infinity = std::numeric_limits<double>::infinity();
     for (std::size_t i = 0; i < scene.filter.names.size(); ++i) {
         const auto at = Index(i);
@@ -41,8 +40,7 @@ OwnModel::OwnModel(const Scene& scene, const PeerModel& model, std::size_t threa
         parameters_.push_back(p);
     }
     if (!is_static())
-        parameters_.push_back(
-            {"velocity_damping", "1/s", kDampingMedian, kDampingLogStdev, 0.0, 1e-4, 1e3, 0.0});
+        parameters_.push_back({"velocity_damping", "1/s", kDampingMedian, kDampingLogStdev, 0.0, 1e-4, 1e3, 0.0});
     for (std::size_t j = 0; j < scene.points.size(); ++j) {
         const auto& weight = scene.points[j].weight;
         const bool far =
@@ -59,8 +57,8 @@ void OwnModel::rest_state(std::span<double> x) const {
     std::copy(rest.x.begin(), rest.x.end(), x.begin());
 }
 
-ForwardReport OwnModel::advance(const ForwardInputs& inputs, std::span<const double> theta,
-                                std::span<double> X, std::size_t lanes) noexcept {
+ForwardReport OwnModel::advance(const ForwardInputs& inputs, std::span<const double> theta, std::span<double> X,
+                                std::size_t lanes) noexcept {
     const auto dofs = Index(3 * num_nodes()), rows = Index(num_state()), p = Index(parameters_.size());
     const double dt = model_.run().dt_s;
     const int last = static_cast<int>(std::lround(inputs.time_s / dt));
@@ -72,8 +70,8 @@ ForwardReport OwnModel::advance(const ForwardInputs& inputs, std::span<const dou
         MotionState state{column.head(dofs), VectorXd::Zero(dofs), {}};
         if (!is_static()) state.v = column.tail(dofs);
         for (int k = first; k <= last; ++k) {
-            solved[lane] = solved[lane] && model_.advance(k, parameters.head(Index(num_folder_parameters())),
-                                                          *lanes_[thread], state);
+            solved[lane] = solved[lane] &&
+                           model_.advance(k, parameters.head(Index(num_folder_parameters())), *lanes_[thread], state);
             if (!is_static()) state.v *= std::exp(-dt * parameters(p - 1));
         }
         column.head(dofs) = state.x;
@@ -91,8 +89,7 @@ void OwnModel::observe(std::span<const double> X, std::span<double> Z, std::size
     const auto rows = Index(num_state()), out = Index(3 * points_.size());
     for (std::size_t lane = 0; lane < lanes; ++lane) {
         const Map<const VectorXd> column(X.data() + Index(lane) * rows, rows);
-        Map<VectorXd>(Z.data() + Index(lane) * out, out) =
-            peer::observe(points_, column.head(Index(3 * num_nodes())));
+        Map<VectorXd>(Z.data() + Index(lane) * out, out) = peer::observe(points_, column.head(Index(3 * num_nodes())));
     }
 }
 

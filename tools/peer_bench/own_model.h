@@ -34,9 +34,7 @@ class OwnModel final : public ForwardModel {
     std::size_t num_tools() const override { return 0; }
     const char* tool_name(std::size_t) const override { return ""; }
     std::size_t num_markers() const override { return points_.size(); }
-    std::int32_t marker_id(std::size_t index) const override {
-        return static_cast<std::int32_t>(kept_[index]);
-    }
+    std::int32_t marker_id(std::size_t index) const override { return static_cast<std::int32_t>(kept_[index]); }
     std::size_t num_points() const override { return 0; }
     std::int32_t point_id(std::size_t) const override { return 0; }
     void rest_state(std::span<double> x) const override;

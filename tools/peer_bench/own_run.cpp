@@ -34,13 +34,11 @@ double rounding_sigma(const Scene& scene, std::size_t point, const VectorXd& z) 
     return largest / std::sqrt(12.0);
 }
 
-Result<OwnRun> run_own_filter(const Scene& scene, const PeerModel& model, const std::vector<VectorXd>& z,
-                              int last_step, double model_error_sigma_m, std::size_t threads,
-                              const Progress& progress) {
+Result<OwnRun> run_own_filter(const Scene& scene, const PeerModel& model, const std::vector<VectorXd>& z, int last_step,
+                              double model_error_sigma_m, std::size_t threads, const Progress& progress) {
     const auto begin = std::chrono::steady_clock::now();
     OwnModel own(scene, model, threads);
-    TERES_TRY_ASSIGN(BoundaryEstimator estimator,
-                     BoundaryEstimator::make(own, own_options(model_error_sigma_m)));
+    TERES_TRY_ASSIGN(BoundaryEstimator estimator, BoundaryEstimator::make(own, own_options(model_error_sigma_m)));
     OwnRun out;
     out.refused = own.refused();
     for (std::size_t i = 0; i < own.num_parameters(); ++i) out.names.emplace_back(own.parameter(i).name);
@@ -63,8 +61,8 @@ Result<OwnRun> run_own_filter(const Scene& scene, const PeerModel& model, const 
         }
         ForwardInputs inputs;
         inputs.time_s = step * dt;
-        return estimator.step(
-            {static_cast<std::int64_t>(std::llround(1e6 * step * dt)), id, x, y, depth, sigma}, inputs);
+        return estimator.step({static_cast<std::int64_t>(std::llround(1e6 * step * dt)), id, x, y, depth, sigma},
+                              inputs);
     };
     if (model.run().integrator != Integrator::kStatic) frame(0, nullptr);  // at rest
     for (std::size_t row = 0; row < z.size(); ++row) {
@@ -85,8 +83,7 @@ Result<OwnRun> run_own_filter(const Scene& scene, const PeerModel& model, const 
         out.sigma.row(row) = rows[std::size_t(row)].second;
         for (Index i = 0; i < p; ++i) {
             out.mean(row, i) = estimator.parameters().to_physical(i, out.theta(row, i));
-            out.stdev(row, i) =
-                estimator.parameters().physical_stdev(i, out.theta(row, i), out.sigma(row, i));
+            out.stdev(row, i) = estimator.parameters().physical_stdev(i, out.theta(row, i), out.sigma(row, i));
         }
     }
     if (!nis.empty()) {

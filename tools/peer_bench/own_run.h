@@ -26,9 +26,8 @@ struct OwnRun {
 BoundaryEstimatorOptions own_options(double model_error_sigma_m);
 
 /// `generator`: its tool and load alignment are the recording's time stamps. z: rows of the recording.
-Result<OwnRun> run_own_filter(const Scene& scene, const PeerModel& model,
-                              const std::vector<Eigen::VectorXd>& z, int last_step,
-                              double model_error_sigma_m, std::size_t threads, const Progress& progress);
+Result<OwnRun> run_own_filter(const Scene& scene, const PeerModel& model, const std::vector<Eigen::VectorXd>& z,
+                              int last_step, double model_error_sigma_m, std::size_t threads, const Progress& progress);
 
 /// Standard deviation [m] of the rounding of a point's recorded coordinates, the largest of its axes.
 double rounding_sigma(const Scene& scene, std::size_t point, const Eigen::VectorXd& z);

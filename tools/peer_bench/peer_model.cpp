@@ -24,10 +24,8 @@ Result<PeerModel> PeerModel::make(const Scene& scene, const RunSettings& run) {
         TERES_TRY_ASSIGN(StvkTets stvk, StvkTets::make(scene.mesh, scene.poissons_ratio));
         body = std::make_unique<StvkTets>(std::move(stvk));
     } else {
-        const auto frame =
-            scene.law == SolidLaw::kCorotationalPolar ? ElementFrame::kPolar : ElementFrame::kFirstEdge;
-        TERES_TRY_ASSIGN(CorotationalTets tets,
-                         CorotationalTets::make(scene.mesh, scene.poissons_ratio, frame));
+        const auto frame = scene.law == SolidLaw::kCorotationalPolar ? ElementFrame::kPolar : ElementFrame::kFirstEdge;
+        TERES_TRY_ASSIGN(CorotationalTets tets, CorotationalTets::make(scene.mesh, scene.poissons_ratio, frame));
         body = std::make_unique<CorotationalTets>(std::move(tets));
     }
     TERES_TRY_ASSIGN(TetSystem system, TetSystem::make(std::move(body), scene.node_mass_kg, scene.held));
@@ -42,8 +40,7 @@ Result<PeerModel> PeerModel::make(const Scene& scene, const RunSettings& run) {
     return model;
 }
 
-PeerModel::Lane::Lane(const PeerModel& model)
-    : stepper(model.system()), modulus(model.scene().mesh.tets.size(), 0.0) {}
+PeerModel::Lane::Lane(const PeerModel& model) : stepper(model.system()), modulus(model.scene().mesh.tets.size(), 0.0) {}
 
 MotionState PeerModel::rest() const {
     MotionState state;
@@ -63,8 +60,7 @@ int PeerModel::last_step() const {
     if (scene_->tool)
         last = std::min(last, scene_->tool->rows.size() - static_cast<std::size_t>(run_->tool_row_offset));
     for (const Load& load : scene_->loads)
-        if (!load.rows.empty())
-            last = std::min(last, load.rows.size() - static_cast<std::size_t>(load.row_offset));
+        if (!load.rows.empty()) last = std::min(last, load.rows.size() - static_cast<std::size_t>(load.row_offset));
     return static_cast<int>(last);
 }
 

@@ -50,8 +50,7 @@ Eigen::VectorXd observe(const std::vector<ObservedPoint>& points, const Eigen::V
 
 /// The recording as rows of observed points; runs the generator unless the rows are stored. Rows 0 ..
 /// last_row.
-Result<std::vector<Eigen::VectorXd>> observations(const Scene& scene, const PeerModel& generator,
-                                                  int last_row);
+Result<std::vector<Eigen::VectorXd>> observations(const Scene& scene, const PeerModel& generator, int last_row);
 
 /// Row of the recording that filter step k looks at.
 int observation_row(const Scene& scene, int k);

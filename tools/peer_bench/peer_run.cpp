@@ -18,8 +18,7 @@ namespace {
 
 VectorXd gather(const std::vector<NodeIndex>& nodes, const VectorXd& x) {
     VectorXd out(3 * static_cast<Index>(nodes.size()));
-    for (std::size_t a = 0; a < nodes.size(); ++a)
-        out.segment<3>(3 * Index(a)) = x.segment<3>(3 * Index(nodes[a]));
+    for (std::size_t a = 0; a < nodes.size(); ++a) out.segment<3>(3 * Index(a)) = x.segment<3>(3 * Index(nodes[a]));
     return out;
 }
 
@@ -30,8 +29,7 @@ void scatter(const std::vector<NodeIndex>& nodes, const Free& free, VectorXd& x)
 }
 
 tl::unexpected<Error> no_solution(const Scene& scene, int k) {
-    return not_usable(scene.folder.string() + ": filter step " + std::to_string(k) +
-                      ": a simulation has no solution");
+    return not_usable(scene.folder.string() + ": filter step " + std::to_string(k) + ": a simulation has no solution");
 }
 
 /// What both filters need: lanes, start-of-step motion, settings.
@@ -63,8 +61,7 @@ class RoUkfRun {
 
     Status step(int k, const VectorXd& z) {
         const auto& nodes = c_.model.free_nodes();
-        if (c_.scene.filter.process_noise_stdev.size() > 0)
-            filter_.add_process_noise(process_noise(c_.scene.filter));
+        if (c_.scene.filter.process_noise_stdev.size() > 0) filter_.add_process_noise(process_noise(c_.scene.filter));
         MatrixXd X = filter_.sigma_points();
         const MatrixXd theta_read = c_.parameters.read_back(X.bottomRows(c_.num_parameters()));
         const MatrixXd theta = c_.parameters.to_physical(X.bottomRows(c_.num_parameters()));
@@ -121,8 +118,7 @@ class ParameterUkfRun {
                   {context.scene.filter.points, context.scene.filter.star_lambda}) {}
 
     Status step(int k, const VectorXd& z) {
-        if (c_.scene.filter.process_noise_stdev.size() > 0)
-            filter_.add_process_noise(process_noise(c_.scene.filter));
+        if (c_.scene.filter.process_noise_stdev.size() > 0) filter_.add_process_noise(process_noise(c_.scene.filter));
         const MatrixXd X = filter_.sigma_points();
         const MatrixXd theta = c_.parameters.to_physical(X);
         MatrixXd Z(z.size(), X.cols());
@@ -192,8 +188,7 @@ Result<ParameterMap> peer_parameters(const Scene& scene) {
         specs.push_back(std::move(spec));
     }
     auto map = ParameterMap::make(std::move(specs));
-    if (!map)
-        return invalid_input((scene.folder / "filter_settings.json").string() + ": " + map.error().text);
+    if (!map) return invalid_input((scene.folder / "filter_settings.json").string() + ": " + map.error().text);
     return map;
 }
 
@@ -218,8 +213,7 @@ Comparison compare(const Scene& scene, const FilterRun& run) {
             const double expected = scene.expected_state(row, i);
             const double scale = std::max({std::abs(expected), floor(i), 1e-300});
             const double difference = std::abs(run.mean(row, i) - expected) / scale;
-            if (!(difference <= out.max_relative_difference))
-                out = {difference, static_cast<int>(row) + 1, i};
+            if (!(difference <= out.max_relative_difference)) out = {difference, static_cast<int>(row) + 1, i};
         }
     return out;
 }

@@ -22,9 +22,8 @@ using Progress = std::function<void(int done, int total)>;
 Result<ParameterMap> peer_parameters(const Scene& scene);
 
 /// Rows 1..compared_rows. z: rows of the recording (observations()).
-Result<FilterRun> run_peer_filter(const Scene& scene, const PeerModel& model,
-                                  const std::vector<Eigen::VectorXd>& z, std::size_t threads,
-                                  const Progress& progress);
+Result<FilterRun> run_peer_filter(const Scene& scene, const PeerModel& model, const std::vector<Eigen::VectorXd>& z,
+                                  std::size_t threads, const Progress& progress);
 
 /// Largest relative difference to expected_state.csv over the compared rows and where it is. Relative to the
 /// expected value, but to no less than 1e-6 of the largest one in its column (a mean may pass through zero).

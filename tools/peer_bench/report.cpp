@@ -43,8 +43,7 @@ void fill_final(const Scene& scene, const ParameterMap& map, const FilterRun& ru
     for (std::size_t i = 0; i < scene.filter.names.size(); ++i) {
         const auto at = static_cast<Eigen::Index>(i);
         const Transform transform = scene.filter.transform[i];
-        FinalValue value{scene.filter.names[i], run.mean(last, at), run.stdev(last, at),
-                         scene.truth(i, last_step)};
+        FinalValue value{scene.filter.names[i], run.mean(last, at), run.stdev(last, at), scene.truth(i, last_step)};
         if (transform == Transform::kLog || transform == Transform::kScaledSigmoid) {
             value.stdev = map.physical_stdev(at, value.mean, value.stdev);
             value.mean = map.to_physical(at, value.mean);
@@ -54,8 +53,8 @@ void fill_final(const Scene& scene, const ParameterMap& map, const FilterRun& ru
 }
 
 // Seconds from `event_step` until the column of `mean` is first below `threshold`.
-std::optional<double> delay_below(const Eigen::MatrixXd& mean, const std::vector<int>& step,
-                                  Eigen::Index column, int event_step, double threshold, double dt_s) {
+std::optional<double> delay_below(const Eigen::MatrixXd& mean, const std::vector<int>& step, Eigen::Index column,
+                                  int event_step, double threshold, double dt_s) {
     for (std::size_t row = 0; row < step.size(); ++row)
         if (step[row] >= event_step && mean(static_cast<Eigen::Index>(row), column) < threshold)
             return (step[row] - event_step + 1) * dt_s;
@@ -72,18 +71,16 @@ OwnReport own_report(const Scene& scene, const OwnRun& run) {
     const std::size_t known = scene.filter.names.size();
     for (std::size_t i = 0; i < run.names.size(); ++i) {
         const auto column = static_cast<Eigen::Index>(i);
-        const double truth =
-            i < known ? scene.truth(i, run.step.back()) : scene.generator.velocity_damping_1_s;
+        const double truth = i < known ? scene.truth(i, run.step.back()) : scene.generator.velocity_damping_1_s;
         out.final.push_back({run.names[i], run.mean(last, column), run.stdev(last, column), truth});
         if (i >= known) continue;
         out.sigma_distance.push_back(std::abs(run.mean(last, column) - truth) / run.stdev(last, column));
         const double prior = std::abs(scene.filter.mean(column));
         out.own_error += std::abs(run.mean(last, column) - truth) / prior / static_cast<double>(known);
-        out.peer_error += std::abs(scene.expected_state(scene.expected_state.rows() - 1, column) - truth) /
-                          prior / static_cast<double>(known);
+        out.peer_error += std::abs(scene.expected_state(scene.expected_state.rows() - 1, column) - truth) / prior /
+                          static_cast<double>(known);
         for (const Event& event : scene.events) {
-            const double before = scene.truth(i, event.from_step - 1),
-                         after = scene.truth(i, event.from_step);
+            const double before = scene.truth(i, event.from_step - 1), after = scene.truth(i, event.from_step);
             if (!(after < 0.1 * before) || event.from_step > run.step.back()) continue;
             out.releases.push_back(
                 {run.names[i], 0.1 * before,
@@ -111,8 +108,7 @@ Result<FolderReport> run_folder(const std::filesystem::path& folder, const Bench
         scene.expected_state = scene.expected_state.topRows(options.max_rows).eval();
     }
     report.warnings = scene.warnings;
-    for (const auto& warning : scene.warnings)
-        std::fprintf(stderr, "peer-bench: note: %s\n", warning.c_str());
+    for (const auto& warning : scene.warnings) std::fprintf(stderr, "peer-bench: note: %s\n", warning.c_str());
 
     TERES_TRY_ASSIGN(const PeerModel generator, PeerModel::make(scene, scene.generator));
     TERES_TRY_ASSIGN(const PeerModel model, PeerModel::make(scene, scene.filter_run));
@@ -129,8 +125,7 @@ Result<FolderReport> run_folder(const std::filesystem::path& folder, const Bench
     report.generator_seconds = seconds_since(begin);
     report.rows = scene.compared_rows;
     if (!options.own_only) {
-        TERES_TRY_ASSIGN(const FilterRun run,
-                         run_peer_filter(scene, model, z, options.threads, progress_bar(name)));
+        TERES_TRY_ASSIGN(const FilterRun run, run_peer_filter(scene, model, z, options.threads, progress_bar(name)));
         TERES_TRY_ASSIGN(const ParameterMap map, peer_parameters(scene));
         const Comparison comparison = compare(scene, run);
         report.max_relative_difference = comparison.max_relative_difference;
@@ -163,9 +158,8 @@ Result<FolderReport> run_folder(const std::filesystem::path& folder, const Bench
         if (!(own.closing_nis < kConsistentNis)) {
             // Noise of the rounding alone was too sure of itself: once more with the noise that the folder
             // states.
-            TERES_TRY_ASSIGN(
-                own, run_own_filter(scene, own_model, z, last_step, scene.filter.observation_stdev_m,
-                                    options.threads, progress_bar(name + " (own filter, stated noise)")));
+            TERES_TRY_ASSIGN(own, run_own_filter(scene, own_model, z, last_step, scene.filter.observation_stdev_m,
+                                                 options.threads, progress_bar(name + " (own filter, stated noise)")));
             report.warnings.push_back(
                 "own filter: rounding alone is too small a noise here, the folder's observation stdev is "
                 "used");
@@ -179,10 +173,9 @@ Result<FolderReport> run_folder(const std::filesystem::path& folder, const Bench
 std::string table_of(const FolderReport& report, bool verbose) {
     std::string out = report.folder + "\n";
     if (report.compared) {
-        out += format(
-            "  %d rows, largest relative difference %.2e (row %d, %s): %s; %.1f s (generator %.1f s)\n",
-            report.rows, report.max_relative_difference, report.worst_row, report.worst_parameter.c_str(),
-            report.reached ? "within 1e-3" : "ABOVE 1e-3", report.seconds, report.generator_seconds);
+        out += format("  %d rows, largest relative difference %.2e (row %d, %s): %s; %.1f s (generator %.1f s)\n",
+                      report.rows, report.max_relative_difference, report.worst_row, report.worst_parameter.c_str(),
+                      report.reached ? "within 1e-3" : "ABOVE 1e-3", report.seconds, report.generator_seconds);
         if (verbose) {
             out += "  by tenths of the run:";
             for (const double tenth : report.tenths) out += format(" %.1e", tenth);
@@ -190,8 +183,7 @@ std::string table_of(const FolderReport& report, bool verbose) {
         }
         out += format("  %-14s %14s %14s %14s\n", "parameter", "mean", "stdev", "truth");
         for (const auto& value : report.final)
-            out += format("  %-14s %14.6g %14.6g %14.6g\n", value.name.c_str(), value.mean, value.stdev,
-                          value.truth);
+            out += format("  %-14s %14.6g %14.6g %14.6g\n", value.name.c_str(), value.mean, value.stdev, value.truth);
     }
     if (report.own) {
         const OwnReport& own = *report.own;
@@ -201,15 +193,13 @@ std::string table_of(const FolderReport& report, bool verbose) {
             own.own_error, own.peer_error, own.smallest_stdev, own.seconds);
         for (std::size_t i = 0; i < own.final.size(); ++i) {
             const auto& value = own.final[i];
-            out += format("  %-14s %14.6g %14.6g %14.6g", value.name.c_str(), value.mean, value.stdev,
-                          value.truth);
+            out += format("  %-14s %14.6g %14.6g %14.6g", value.name.c_str(), value.mean, value.stdev, value.truth);
             out += i < own.sigma_distance.size() ? format("   %.1f sigma\n", own.sigma_distance[i])
                                                  : "   (estimated besides)\n";
         }
         for (const auto& release : own.releases)
             out += format("  %s released: below %.3g after %.2f s (peer %.2f s)\n", release.name.c_str(),
-                          release.threshold, release.own_delay_s.value_or(-1.0),
-                          release.peer_delay_s.value_or(-1.0));
+                          release.threshold, release.own_delay_s.value_or(-1.0), release.peer_delay_s.value_or(-1.0));
         if (!own.refused_points.empty())
             out += format("  %zu observed points refused: they extrapolate far outside the body\n",
                           own.refused_points.size());

@@ -26,7 +26,7 @@ struct FinalValue {
 
 /// Our own filter (estimator plugin's code, its defaults) on the same observations.
 struct OwnReport {
-    std::vector<FinalValue> final;  ///< the folder's parameters; what else was estimated stands behind them
+    std::vector<FinalValue> final;       ///< the folder's parameters; what else was estimated stands behind them
     std::vector<double> sigma_distance;  ///< |mean - truth| / stdev of the folder's parameters, physical
     std::vector<int> refused_points;     ///< observed points that extrapolate beyond the bound
     struct Release {

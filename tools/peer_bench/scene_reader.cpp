@@ -17,10 +17,8 @@ Result<SolidLaw> solid_law(const JsonObject& solid) {
     TERES_TRY_ASSIGN(const std::string text, solid.text({"law", "material", "model"}));
     const std::string law = plain(text);
     if (law.find("polar") != std::string::npos) return SolidLaw::kCorotationalPolar;
-    if (law.find("corotation") != std::string::npos || law == "large")
-        return SolidLaw::kCorotationalFirstEdge;
-    if (law.find("stvk") != std::string::npos || law.find("venant") != std::string::npos)
-        return SolidLaw::kStvk;
+    if (law.find("corotation") != std::string::npos || law == "large") return SolidLaw::kCorotationalFirstEdge;
+    if (law.find("stvk") != std::string::npos || law.find("venant") != std::string::npos) return SolidLaw::kStvk;
     return solid.error({"law", "material", "model"},
                        in_quotes(text) + " is not corotational_first_edge, corotational_polar or stvk");
 }
@@ -37,8 +35,7 @@ Status read_solid(const JsonObject& solid, Scene& scene) {
     TERES_TRY_ASSIGN(scene.law, solid_law(solid));
     TERES_TRY_ASSIGN(scene.poissons_ratio,
                      solid.number({"poissons_ratio", "poisson_ratio", "nu"}, -0.999999, 0.499999));
-    const JsonObject::Keys keys = {"youngs_modulus_pa", "youngs_modulus", "young_modulus_pa",
-                                   "young_modulus"};
+    const JsonObject::Keys keys = {"youngs_modulus_pa", "youngs_modulus", "young_modulus_pa", "young_modulus"};
     const Json* modulus = solid.find(keys);
     if (modulus == nullptr) return solid.error(keys, "is missing");
     const auto add = [&](const std::string& name, const Json& value) -> Status {
@@ -52,8 +49,7 @@ Status read_solid(const JsonObject& solid, Scene& scene) {
         TERES_TRY(add("E", *modulus));
         scene.modulus_names.clear();
     } else if (modulus->is_array() && !modulus->empty()) {
-        for (std::size_t i = 0; i < modulus->size(); ++i)
-            TERES_TRY(add(fmt::format("E{}", i + 1), (*modulus)[i]));
+        for (std::size_t i = 0; i < modulus->size(); ++i) TERES_TRY(add(fmt::format("E{}", i + 1), (*modulus)[i]));
     } else if (modulus->is_object() && !modulus->empty()) {
         for (auto at = modulus->begin(); at != modulus->end(); ++at) TERES_TRY(add(at.key(), at.value()));
         // Names numbered without a gap go by number (a sorted file has E10 before E2), others in file order.
@@ -62,8 +58,7 @@ Status read_solid(const JsonObject& solid, Scene& scene) {
             if (const auto number = trailing_number(scene.modulus_names[i])) order.emplace_back(*number, i);
         std::sort(order.begin(), order.end());
         bool numbered = order.size() == scene.modulus_names.size();
-        for (std::size_t i = 1; numbered && i < order.size(); ++i)
-            numbered = order[i].first == order[i - 1].first + 1;
+        for (std::size_t i = 1; numbered && i < order.size(); ++i) numbered = order[i].first == order[i - 1].first + 1;
         if (numbered) {
             const auto names = scene.modulus_names;
             const auto values = scene.modulus_pa;
@@ -103,9 +98,8 @@ Status read_mass(const JsonObject& mass, Scene& scene) {
         TERES_TRY_ASSIGN(const double density, mass.number({"density_kg_m3", "density"}, 1e-9, 1e9));
         scene.node_mass_kg = mass_from_density(scene.mesh, density);
     } else if (mass.has({"total_mass_kg", "total_kg", "total_mass", "total", "mass_kg"})) {
-        TERES_TRY_ASSIGN(
-            const double total,
-            mass.number({"total_mass_kg", "total_kg", "total_mass", "total", "mass_kg"}, 1e-12, 1e9));
+        TERES_TRY_ASSIGN(const double total,
+                         mass.number({"total_mass_kg", "total_kg", "total_mass", "total", "mass_kg"}, 1e-12, 1e9));
         scene.node_mass_kg = Eigen::VectorXd::Constant(nodes, total / static_cast<double>(nodes));
     } else if (mass.has({"node_mass_kg", "per_node_kg", "mass_per_node_kg"})) {
         TERES_TRY_ASSIGN(const double each,
@@ -132,8 +126,7 @@ Result<Integrator> integrator(const JsonObject& run) {
 }
 
 // Newton and linear solver settings, looked up in the run first, then in the scene ("static", "solver").
-Status read_solver(const std::vector<const JsonObject*>& places, RunSettings& run,
-                   std::vector<std::string>& warnings) {
+Status read_solver(const std::vector<const JsonObject*>& places, RunSettings& run, std::vector<std::string>& warnings) {
     const JsonObject::Keys newton = {"newton_iterations", "newton_steps", "max_newton_iterations",
                                      "newton_max_iterations"};
     const JsonObject::Keys cg = {"cg_iterations", "cg_max_iterations", "max_cg_iterations",
@@ -159,14 +152,11 @@ Status read_solver(const std::vector<const JsonObject*>& places, RunSettings& ru
                  name.find("cholesky") != std::string::npos || name.find("lu") != std::string::npos)
             use_cg = false;
         else
-            return solver.error(type_keys,
-                                in_quotes(text) + " is neither a conjugate gradient nor a direct solver");
+            return solver.error(type_keys, in_quotes(text) + " is neither a conjugate gradient nor a direct solver");
         if (nested) {
-            TERES_TRY_ASSIGN(
-                run.cg_iterations,
-                solver.integer_or({"iterations", "max_iterations", "cg_iterations"}, 1, 1000000, 100));
-            TERES_TRY_ASSIGN(run.cg_tolerance,
-                             solver.number_or({"tolerance", "cg_tolerance"}, 0.0, 1.0, 1e-20));
+            TERES_TRY_ASSIGN(run.cg_iterations,
+                             solver.integer_or({"iterations", "max_iterations", "cg_iterations"}, 1, 1000000, 100));
+            TERES_TRY_ASSIGN(run.cg_tolerance, solver.number_or({"tolerance", "cg_tolerance"}, 0.0, 1.0, 1e-20));
             solver.report_unknown(warnings);
         }
     }
@@ -204,23 +194,20 @@ Status read_solver(const std::vector<const JsonObject*>& places, RunSettings& ru
 }
 
 // What generator and filter share, each of which may override the scene.
-Status read_run(const JsonObject& run, const JsonObject& top, RunSettings& out,
-                std::vector<std::string>& warnings) {
+Status read_run(const JsonObject& run, const JsonObject& top, RunSettings& out, std::vector<std::string>& warnings) {
     TERES_TRY_ASSIGN(out.integrator, integrator(run));
     std::vector<const JsonObject*> places{&run};
     std::vector<JsonObject> nested;
     nested.reserve(4);
     for (const JsonObject* level : {&run, &top})
         for (const char* key : {"static", "newton", "static_solver"})
-            if (const Json* value = level->find({key});
-                value != nullptr && value->is_object() && nested.size() < 4)
+            if (const Json* value = level->find({key}); value != nullptr && value->is_object() && nested.size() < 4)
                 nested.emplace_back(value, level->place({key}));
     for (const auto& object : nested) places.push_back(&object);
     places.push_back(&top);
     TERES_TRY(read_solver(places, out, warnings));
     for (const auto& object : nested) object.report_unknown(warnings);
-    const auto number = [&](JsonObject::Keys keys, double min, double max, bool needed,
-                            double& value) -> Status {
+    const auto number = [&](JsonObject::Keys keys, double min, double max, bool needed, double& value) -> Status {
         const JsonObject& at = run.has(keys) ? run : top;
         if (!needed && !at.has(keys)) return {};
         TERES_TRY_ASSIGN(value, at.number(keys, min, max));
@@ -229,11 +216,10 @@ Status read_run(const JsonObject& run, const JsonObject& top, RunSettings& out,
     const bool dynamic = out.integrator != Integrator::kStatic;
     TERES_TRY(number({"dt_s", "dt", "time_step_s"}, 1e-9, 1e6, true, out.dt_s));
     TERES_TRY(number({"rayleigh_mass_1_s", "rayleigh_mass"}, 0.0, kHuge, dynamic, out.rayleigh_mass_1_s));
-    TERES_TRY(number({"rayleigh_stiffness_s", "rayleigh_stiffness"}, 0.0, kHuge, dynamic,
-                     out.rayleigh_stiffness_s));
-    TERES_TRY_ASSIGN(out.velocity_damping_1_s,
-                     run.number_or({"velocity_damping_1_s", "velocity_damping", "vdamping", "vdamping_1_s"},
-                                   0.0, kHuge, 0.0));
+    TERES_TRY(number({"rayleigh_stiffness_s", "rayleigh_stiffness"}, 0.0, kHuge, dynamic, out.rayleigh_stiffness_s));
+    TERES_TRY_ASSIGN(
+        out.velocity_damping_1_s,
+        run.number_or({"velocity_damping_1_s", "velocity_damping", "vdamping", "vdamping_1_s"}, 0.0, kHuge, 0.0));
     const JsonObject& gravity = run.has({"gravity_m_s2", "gravity"}) ? run : top;
     if (gravity.has({"gravity_m_s2", "gravity"})) {
         TERES_TRY_ASSIGN(out.gravity_m_s2, gravity.vector3({"gravity_m_s2", "gravity"}));
@@ -261,8 +247,7 @@ Status read_events(const JsonObject& generator, Scene& scene) {
         const std::size_t count = scene.springs->springs.size();
         for (const Json& one : springs->is_array() ? *springs : Json::array({*springs})) {
             if (!one.is_number_unsigned() || one.get<std::size_t>() >= count)
-                return object.error(
-                    which, one.dump().substr(0, 40) + " is not in [0, " + std::to_string(count) + ")");
+                return object.error(which, one.dump().substr(0, 40) + " is not in [0, " + std::to_string(count) + ")");
             event.springs.push_back(one.get<std::size_t>());
         }
         if (object.has({"stiffness_n_per_m", "stiffness", "k"})) {
@@ -304,8 +289,7 @@ Status read_recording(const JsonObject& generator, Scene& scene) {
         recording.all_nodes = true;
     else
         return generator.error(keys, in_quotes(text) + " is neither points nor all_nodes");
-    TERES_TRY_ASSIGN(recording.significant_digits,
-                     generator.integer_or({"significant_digits", "digits"}, 1, 17, 0));
+    TERES_TRY_ASSIGN(recording.significant_digits, generator.integer_or({"significant_digits", "digits"}, 1, 17, 0));
     return {};
 }
 
@@ -317,8 +301,7 @@ Result<std::vector<NodeIndex>> nodes_of(const Scene& scene, const JsonObject& fr
     for (const auto& name : names) {
         const auto group = scene.groups.find(name);
         if (group == scene.groups.end())
-            return from.error(
-                keys, in_quotes(name) + " is not a group of " + (scene.folder / "nodes.csv").string());
+            return from.error(keys, in_quotes(name) + " is not a group of " + (scene.folder / "nodes.csv").string());
         nodes.insert(nodes.end(), group->second.begin(), group->second.end());
     }
     return nodes;
@@ -331,8 +314,7 @@ Result<Scene> read_scene(const std::filesystem::path& folder) {
     TERES_TRY_ASSIGN(const Json json, JsonObject::parse_file(file));
     const JsonObject top(&json, file.string());
     TERES_TRY_ASSIGN(const std::string format, top.text({"format"}));
-    if (format != "teres-peer-scene-1")
-        return top.error({"format"}, in_quotes(format) + " is not teres-peer-scene-1");
+    if (format != "teres-peer-scene-1") return top.error({"format"}, in_quotes(format) + " is not teres-peer-scene-1");
 
     TERES_TRY_ASSIGN(const JsonObject solid, top.object({"solid", "body"}));
     TERES_TRY(read_solid(solid, scene));
@@ -390,8 +372,7 @@ double Scene::truth(std::size_t parameter, int step) const {
     double value = springs->springs[target.springs.front()].k[target.coefficient];
     for (const Event& event : events)
         if (step >= event.from_step && event.k[target.coefficient] &&
-            std::find(event.springs.begin(), event.springs.end(), target.springs.front()) !=
-                event.springs.end())
+            std::find(event.springs.begin(), event.springs.end(), target.springs.front()) != event.springs.end())
             value = *event.k[target.coefficient];
     return value;
 }

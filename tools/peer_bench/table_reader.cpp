@@ -34,8 +34,7 @@ Result<std::size_t> coefficient_column(const Table& table, const std::vector<std
     std::vector<std::size_t> found;
     for (std::size_t c = 0; c < table.columns().size(); ++c) {
         std::string name = "_" + table.columns()[c] + "_";
-        for (char& letter : name)
-            letter = static_cast<char>(std::tolower(static_cast<unsigned char>(letter)));
+        for (char& letter : name) letter = static_cast<char>(std::tolower(static_cast<unsigned char>(letter)));
         if (name.find("_after") != std::string::npos) continue;
         for (const auto& token : tokens)
             if (name.find("_" + token + "_") != std::string::npos) {
@@ -75,12 +74,11 @@ Status read_mesh_and_groups(Scene& scene) {
         scene.groups[table.text(row, group)].push_back(id);
         if (!table.find("x")) continue;
         TERES_TRY_ASSIGN(const auto xyz, xyz_columns(table, ""));
-        const Eigen::Vector3d p(table.number(row, xyz[0]), table.number(row, xyz[1]),
-                                table.number(row, xyz[2]));
+        const Eigen::Vector3d p(table.number(row, xyz[0]), table.number(row, xyz[1]), table.number(row, xyz[2]));
         const double gap = (p - node_position(scene, id)).norm();
         if (gap > 1e-6)
-            return invalid_input(table.place(row) + ": node " + std::to_string(id) + " stands " +
-                                 to_text(gap) + " m from its place in mesh.vtk (bound 1e-6 m)");
+            return invalid_input(table.place(row) + ": node " + std::to_string(id) + " stands " + to_text(gap) +
+                                 " m from its place in mesh.vtk (bound 1e-6 m)");
     }
     return {};
 }
@@ -89,8 +87,7 @@ Status read_springs(const JsonObject& object, Scene& scene) {
     SpringTable springs;
     TERES_TRY_ASSIGN(const std::string text, object.text({"law", "type"}));
     const std::string law = plain(text);
-    const bool polynomial = law.find("polynomial") != std::string::npos,
-               rest = law.find("rest") != std::string::npos;
+    const bool polynomial = law.find("polynomial") != std::string::npos, rest = law.find("rest") != std::string::npos;
     if (polynomial && rest)
         springs.law = AnchorLaw::kPolynomialRestShape;
     else if (polynomial)
@@ -105,8 +102,7 @@ Status read_springs(const JsonObject& object, Scene& scene) {
                                 " is not rest_shape_linear, polynomial_tension, polynomial_rest_shape or "
                                 "cubic_tension");
     TERES_TRY_ASSIGN(const std::string file, object.text({"table"}));
-    TERES_TRY_ASSIGN(const Table table,
-                     Table::read(scene.folder / file, {"group", "parameter", "law", "name"}));
+    TERES_TRY_ASSIGN(const Table table, Table::read(scene.folder / file, {"group", "parameter", "law", "name"}));
     TERES_TRY_ASSIGN(const std::size_t node, table.column({"node", "node_id"}));
     TERES_TRY_ASSIGN(const auto anchor, xyz_columns(table, "anchor_"));
     std::vector<std::size_t> k;
@@ -125,8 +121,7 @@ Status read_springs(const JsonObject& object, Scene& scene) {
     springs.num_coefficients = k.size();
     std::optional<std::size_t> rest_length;
     if (springs.law != AnchorLaw::kRestShape) {
-        TERES_TRY_ASSIGN(rest_length,
-                         table.column({"rest_length_m", "rest_length", "initial_length_m", "l0_m"}));
+        TERES_TRY_ASSIGN(rest_length, table.column({"rest_length_m", "rest_length", "initial_length_m", "l0_m"}));
     }
     AnchorSpring spring;
     spring.law = springs.law;
@@ -137,14 +132,12 @@ Status read_springs(const JsonObject& object, Scene& scene) {
         TERES_TRY_ASSIGN(spring.smooth_scale, object.number({"smooth_scale"}, 0.0, kHuge));
     }
     TERES_TRY_ASSIGN(const bool compressible, object.boolean_or({"compressible"}, false));
-    if (compressible)
-        return object.error({"compressible"}, "true is not supported: the springs are slack when short");
+    if (compressible) return object.error({"compressible"}, "true is not supported: the springs are slack when short");
     auto group = table.find("parameter");
     if (!group) group = table.find("group");
     for (std::size_t row = 0; row < table.num_rows(); ++row) {
         TERES_TRY_ASSIGN(spring.node, table.index(row, node, scene.mesh.nodes.size()));
-        for (std::size_t i = 0; i < 3; ++i)
-            spring.anchor(static_cast<Eigen::Index>(i)) = table.number(row, anchor[i]);
+        for (std::size_t i = 0; i < 3; ++i) spring.anchor(static_cast<Eigen::Index>(i)) = table.number(row, anchor[i]);
         for (std::size_t i = 0; i < k.size(); ++i) spring.k[i] = table.number(row, k[i]);
         if (rest_length) {
             spring.rest_length = table.number(row, *rest_length);
@@ -163,16 +156,15 @@ Status read_springs(const JsonObject& object, Scene& scene) {
 Status read_tool(const JsonObject& object, Scene& scene) {
     Tool tool;
     TERES_TRY_ASSIGN(tool.nodes, nodes_of(scene, object, {"group", "groups"}));
-    TERES_TRY_ASSIGN(tool.stiffness_n_per_m,
-                     object.number({"stiffness_n_per_m", "stiffness", "k"}, 0.0, kHuge));
+    TERES_TRY_ASSIGN(tool.stiffness_n_per_m, object.number({"stiffness_n_per_m", "stiffness", "k"}, 0.0, kHuge));
     TERES_TRY_ASSIGN(const std::string file, object.text({"trajectory", "table"}));
     TERES_TRY_ASSIGN(const Table table, Table::read(scene.folder / file));
     const auto columns = lower_axes(table);
     const std::size_t points = columns.size() / 3;
     if (columns.size() % 3 != 0 || (points != 1 && points != tool.nodes.size()))
         return invalid_input(table.name() + ":1: " + std::to_string(columns.size()) +
-                             " coordinate columns, expected 3 or 3 for each of " +
-                             std::to_string(tool.nodes.size()) + " nodes");
+                             " coordinate columns, expected 3 or 3 for each of " + std::to_string(tool.nodes.size()) +
+                             " nodes");
     if (points == 1 && tool.nodes.size() > 1)
         scene.warnings.push_back(object.where() + ": all " + std::to_string(tool.nodes.size()) +
                                  " nodes of the tool are tied to the one point of " + file);
@@ -212,8 +204,7 @@ Status read_load(const JsonObject& object, Scene& scene) {
         TERES_TRY_ASSIGN(const Table table, Table::read(scene.folder / file));
         const auto columns = lower_axes(table);
         if (columns.size() != 3)
-            return invalid_input(table.name() + ":1: " + std::to_string(columns.size()) +
-                                 " force columns, expected 3");
+            return invalid_input(table.name() + ":1: " + std::to_string(columns.size()) + " force columns, expected 3");
         for (std::size_t row = 0; row < table.num_rows(); ++row)
             load.rows.emplace_back(table.number(row, *table.find(columns[0])),
                                    table.number(row, *table.find(columns[1])),
@@ -225,8 +216,7 @@ Status read_load(const JsonObject& object, Scene& scene) {
     if (object.has({"other"})) {
         TERES_TRY_ASSIGN(load.other_nodes, nodes_of(scene, object, {"other"}));
         TERES_TRY_ASSIGN(load.other_force_n, force({"direction_other"}, load.other_nodes.size()));
-        TERES_TRY_ASSIGN(load.first_swap_after_steps,
-                         object.integer({"first_swap_after_steps"}, 1, 1000000000));
+        TERES_TRY_ASSIGN(load.first_swap_after_steps, object.integer({"first_swap_after_steps"}, 1, 1000000000));
         TERES_TRY_ASSIGN(load.swap_every_steps, object.integer({"swap_every_steps"}, 1, 1000000000));
     }
     TERES_TRY_ASSIGN(load.steps, object.step_ranges({"steps"}));
@@ -265,9 +255,8 @@ Status read_stored_observations(const std::string& file, Scene& scene) {
     const auto columns = lower_axes(table);
     const std::size_t points = 3 * scene.points.size(), nodes = 3 * scene.mesh.nodes.size();
     if (columns.size() != points && columns.size() != nodes)
-        return invalid_input(table.name() + ":1: " + std::to_string(columns.size()) +
-                             " coordinate columns, expected " + std::to_string(points) + " (points) or " +
-                             std::to_string(nodes) + " (nodes)");
+        return invalid_input(table.name() + ":1: " + std::to_string(columns.size()) + " coordinate columns, expected " +
+                             std::to_string(points) + " (points) or " + std::to_string(nodes) + " (nodes)");
     Recording& recording = scene.recording;
     recording.stored = true;
     recording.all_nodes = columns.size() != points;
@@ -296,14 +285,13 @@ Status read_expected(Scene& scene) {
     TERES_TRY_ASSIGN(const std::size_t step, table.column({"step"}));
     const auto rows = static_cast<std::size_t>(scene.compared_rows);
     if (table.num_rows() < rows)
-        return invalid_input(table.name() + ": " + std::to_string(table.num_rows()) +
-                             " rows, but compared_rows is " + std::to_string(rows));
+        return invalid_input(table.name() + ": " + std::to_string(table.num_rows()) + " rows, but compared_rows is " +
+                             std::to_string(rows));
     scene.expected_state.resize(scene.compared_rows, static_cast<Eigen::Index>(names.size()));
     for (std::size_t row = 0; row < rows; ++row) {
         TERES_TRY_ASSIGN(const auto at, table.index(row, step, 1000000000));
         if (at < 1 || (row > 0 && at <= scene.expected_step.back()))
-            return invalid_input(table.place(row) + ": step " + std::to_string(at) +
-                                 " does not follow the one before");
+            return invalid_input(table.place(row) + ": step " + std::to_string(at) + " does not follow the one before");
         scene.expected_step.push_back(at);
         for (std::size_t i = 0; i < columns.size(); ++i)
             scene.expected_state(static_cast<Eigen::Index>(row), static_cast<Eigen::Index>(i)) =

@@ -65,7 +65,8 @@ Renderer::Renderer(const Scene& scene, const Look& look, std::uint64_t seed)
     Pose lamp = scene.camera();
     lamp_ = lamp.t = lamp.apply({-0.10, -0.12, -0.05});
     to_lamp_ = lamp.inverse();
-    lamp_camera_ = {kShadowSize, kShadowSize, 0.9 * kShadowSize, 0.9 * kShadowSize, 0.30 * kShadowSize, 0.30 * kShadowSize, {}};
+    lamp_camera_ = {kShadowSize,        kShadowSize, 0.9 * kShadowSize, 0.9 * kShadowSize, 0.30 * kShadowSize,
+                    0.30 * kShadowSize, {}};
 }
 
 void Renderer::begin_frame() {
@@ -94,7 +95,8 @@ Renderer::Surfel Renderer::surfel(int u, int v) const {
     const Mesh& mesh = scene_.mesh();
     const std::int32_t id = buffer_.id(u, v);
     const auto& corners = mesh.triangles[at(id)];
-    const auto w = ZBuffer::weights(vertices_[at(corners[0])], vertices_[at(corners[1])], vertices_[at(corners[2])], u, v);
+    const auto w =
+        ZBuffer::weights(vertices_[at(corners[0])], vertices_[at(corners[1])], vertices_[at(corners[2])], u, v);
     Surfel s{mesh.material[at(id)], {}, {}, {}, id};
     for (std::size_t i = 0; i < 3; ++i) {
         s.rest = plus(s.rest, times(w[i], mesh.rest[at(corners[i])]));
@@ -112,7 +114,8 @@ Renderer::Surfel Renderer::surfel(int u, int v) const {
 cv::Vec3d Renderer::albedo(const Surfel& s) const {
     switch (s.material) {
         case Material::kLiver: {
-            cv::Vec3d tone = cv::Vec3d(0.30, 0.36, 0.62) * (0.80 + look_.texture * (0.14 * noise(s.rest, 140.0) + 0.12 * noise(s.rest, 600.0)));
+            cv::Vec3d tone = cv::Vec3d(0.30, 0.36, 0.62) *
+                             (0.80 + look_.texture * (0.14 * noise(s.rest, 140.0) + 0.12 * noise(s.rest, 600.0)));
             for (const std::int32_t m : markers_near_[at(s.triangle)]) {
                 // Edge one pixel wide: no staircase that would pull the centroid.
                 const double d = distance(s.rest, scene_.markers()[at(m)].rest);
@@ -130,8 +133,10 @@ cv::Vec3d Renderer::albedo(const Surfel& s) const {
             const double ring = 0.5 + 0.5 * std::sin(420.0 * (s.rest[0] + 0.2 * s.rest[1]) + 9.0 * noise(s.rest, 30.0));
             return cv::Vec3d(0.28, 0.48, 0.66) * (0.75 + 0.25 * ring);
         }
-        case Material::kTable: return cv::Vec3d(0.42, 0.40, 0.30) * (0.85 + 0.3 * noise(s.rest, 90.0));
-        case Material::kSteel: return cv::Vec3d(0.66, 0.64, 0.62) * (0.9 + 0.1 * noise(s.rest, 300.0));
+        case Material::kTable:
+            return cv::Vec3d(0.42, 0.40, 0.30) * (0.85 + 0.3 * noise(s.rest, 90.0));
+        case Material::kSteel:
+            return cv::Vec3d(0.66, 0.64, 0.62) * (0.9 + 0.1 * noise(s.rest, 300.0));
     }
     return {};
 }

@@ -24,7 +24,8 @@ Result<std::vector<CsvColumn>> columns_of(const std::filesystem::path& file, std
     std::stringstream words(header);
     for (std::string name; std::getline(words, name, ',');) columns.push_back({name});
     if (columns.size() < 2 || columns.front().name != "t_s")
-        return invalid_input(fmt::format("{}:1: header {}, expected t_s and columns of positions in mm", file.string(), in_quotes(header)));
+        return invalid_input(fmt::format("{}:1: header {}, expected t_s and columns of positions in mm", file.string(),
+                                         in_quotes(header)));
     return columns;
 }
 
@@ -41,12 +42,14 @@ Status check_times(const CsvTable& table, double seconds) {
     for (std::size_t row = 1; row < table.num_rows(); ++row) {
         const double step = table.number(row, 0) - table.number(row - 1, 0);
         if (step > 0.0 && step <= kMaxGap_s) continue;
-        return invalid_input(fmt::format("{}: t_s = {}, {} s after the line before it; steps must lie above 0 and not above {} s",
-                                         table.place(row), table.number(row, 0), step, kMaxGap_s));
+        return invalid_input(
+            fmt::format("{}: t_s = {}, {} s after the line before it; steps must lie above 0 and not above {} s",
+                        table.place(row), table.number(row, 0), step, kMaxGap_s));
     }
     const double length = table.number(table.num_rows() - 1, 0) - table.number(0, 0);
     if (seconds > length + 1e-9)
-        return invalid_input(fmt::format("{}: {} s of breathing, too short for a film of {} s; it is not repeated", table.name(), length, seconds));
+        return invalid_input(fmt::format("{}: {} s of breathing, too short for a film of {} s; it is not repeated",
+                                         table.name(), length, seconds));
     return {};
 }
 
@@ -63,14 +66,16 @@ Result<Respiration> Respiration::read(const RespirationOptions& options, double 
     for (std::size_t k = 2; k < columns.size(); ++k)
         if (range(table, k) > range(table, chosen)) chosen = k;
     if (!options.column.empty()) {
-        const auto named = std::find_if(columns.begin() + 1, columns.end(), [&](const CsvColumn& c) { return c.name == options.column; });
-        if (named == columns.end()) return invalid_input(fmt::format("{}:1: no column {} beside t_s", table.name(), in_quotes(options.column)));
+        const auto named = std::find_if(columns.begin() + 1, columns.end(),
+                                        [&](const CsvColumn& c) { return c.name == options.column; });
+        if (named == columns.end())
+            return invalid_input(fmt::format("{}:1: no column {} beside t_s", table.name(), in_quotes(options.column)));
         chosen = static_cast<std::size_t>(named - columns.begin());
     }
     const double recorded_mm = range(table, chosen);
     if (!(recorded_mm >= kLeastRange_mm && recorded_mm <= kLargestRange_mm))
-        return invalid_input(fmt::format("{}: {} ranges over {} mm, expected {} to {} mm; is it in mm?", table.name(), columns[chosen].name,
-                                         recorded_mm, kLeastRange_mm, kLargestRange_mm));
+        return invalid_input(fmt::format("{}: {} ranges over {} mm, expected {} to {} mm; is it in mm?", table.name(),
+                                         columns[chosen].name, recorded_mm, kLeastRange_mm, kLargestRange_mm));
     const double length = norm(options.direction);
     if (!(length > 0.0)) return invalid_input("respiration: the direction has no length");
 
@@ -80,14 +85,16 @@ Result<Respiration> Respiration::read(const RespirationOptions& options, double 
     const double m_per_mm = out.range_m_ / recorded_mm;
     for (std::size_t row = 0; row < table.num_rows(); ++row) {
         out.times_.push_back(table.number(row, 0) - table.number(0, 0));
-        out.shifts_.push_back(times(m_per_mm * (table.number(row, chosen) - table.number(0, chosen)) / length, options.direction));
+        out.shifts_.push_back(
+            times(m_per_mm * (table.number(row, chosen) - table.number(0, chosen)) / length, options.direction));
     }
     return out;
 }
 
 Point Respiration::at(double t_s) const {
     const auto after = std::upper_bound(times_.begin(), times_.end(), t_s);
-    const auto k = static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(after - times_.begin(), 1, std::ssize(times_) - 1));
+    const auto k =
+        static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(after - times_.begin(), 1, std::ssize(times_) - 1));
     const double w = std::clamp((t_s - times_[k - 1]) / (times_[k] - times_[k - 1]), 0.0, 1.0);
     return plus(times(1.0 - w, shifts_[k - 1]), times(w, shifts_[k]));
 }

@@ -16,16 +16,17 @@
 namespace teres::phantom {
 
 struct RespirationOptions {
-    std::filesystem::path file;      ///< CSV: t_s, then positions [mm], one column per marker and axis
-    std::string column;              ///< empty: the one of the largest range
-    double amplitude_mm = 0.0;       ///< range of d over the whole record; 0: as recorded
+    std::filesystem::path file;       ///< CSV: t_s, then positions [mm], one column per marker and axis
+    std::string column;               ///< empty: the one of the largest range
+    double amplitude_mm = 0.0;        ///< range of d over the whole record; 0: as recorded
     Point direction{0.0, -1.0, 0.0};  ///< case axes, any length: where growing values move the phantom
 };
 
 class Respiration {
   public:
-    /// Errors (kInvalidInput): no such column, a value that is no number, times that do not grow or leave a gap above 1 s, a
-    /// range outside 0.1..200 mm (metres?), a direction of no length, a record shorter than `seconds`: it is not repeated.
+    /// Errors (kInvalidInput): no such column, a value that is no number, times that do not grow or leave a gap above 1
+    /// s, a range outside 0.1..200 mm (metres?), a direction of no length, a record shorter than `seconds`: it is not
+    /// repeated.
     static Result<Respiration> read(const RespirationOptions& options, double seconds);
 
     /// Displacement [m] at t [s] after the first sample.

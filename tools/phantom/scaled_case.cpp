@@ -27,7 +27,8 @@ std::array<double, 3> scaled(const SpringData& spring, double s) {
 
 Status write_scaled_case(const Case& c, double scale, const std::filesystem::path& folder) {
     if (!c.quasi_static)
-        return invalid_input((c.folder / "case.json").string() + ": time.quasi_static is false: a body that swings is not alike in another size");
+        return invalid_input((c.folder / "case.json").string() +
+                             ": time.quasi_static is false: a body that swings is not alike in another size");
     Point low = c.mesh.nodes.front(), high = low;
     for (const Point& x : c.mesh.nodes)
         for (std::size_t a = 0; a < 3; ++a) {
@@ -51,7 +52,8 @@ Status write_scaled_case(const Case& c, double scale, const std::filesystem::pat
         spring.rest_length_m *= scale;
     }
     if (out.ligament)
-        for (double* length : {&out.ligament->height_m, &out.ligament->width_m, &out.ligament->thickness_m}) *length *= scale;
+        for (double* length : {&out.ligament->height_m, &out.ligament->width_m, &out.ligament->thickness_m})
+            *length *= scale;
     out.body.density_kg_m3 /= scale;
     out.sensor.noise_sigma_m *= scale;
     out.stream.clear();

@@ -51,8 +51,10 @@ Result<Scene> Scene::make(const Case& c, const SceneOptions& options) {
     const auto [lx, ly, lz] = scene.low_;
     const auto [hx, hy, hz] = scene.high_;
     const double gap = 0.030;
-    scene.add_box({lx - gap - kBoard, ly - gap - kBoard, lz - 0.02}, {lx - gap, hy + gap + kBoard, lz + 0.03}, Material::kWood);
-    scene.add_box({hx + gap, ly - gap - kBoard, lz - 0.02}, {hx + gap + kBoard, hy + gap + kBoard, lz + 0.03}, Material::kWood);
+    scene.add_box({lx - gap - kBoard, ly - gap - kBoard, lz - 0.02}, {lx - gap, hy + gap + kBoard, lz + 0.03},
+                  Material::kWood);
+    scene.add_box({hx + gap, ly - gap - kBoard, lz - 0.02}, {hx + gap + kBoard, hy + gap + kBoard, lz + 0.03},
+                  Material::kWood);
     scene.add_box({lx - gap, hy + gap, lz - 0.02}, {hx + gap, hy + gap + kBoard, lz + 0.03}, Material::kWood);
     scene.add_box({lx - gap, ly - gap - kBoard, lz - 0.02}, {hx + gap, ly - gap, lz + 0.03}, Material::kWood);
     scene.add_band(c, surface);
@@ -68,7 +70,8 @@ Status Scene::read_motion(const Case& c) {
     const auto file = c.folder / "validation.csv";
     TERES_TRY_ASSIGN(const auto rows, read_positions(file, "point_id"));
     const auto points = static_cast<Eigen::Index>(c.validation_rest.size());
-    if (points < 5) return invalid_input((c.folder / "validation_rest.csv").string() + ": fewer than 5 points carry no motion");
+    if (points < 5)
+        return invalid_input((c.folder / "validation_rest.csv").string() + ": fewer than 5 points carry no motion");
     std::map<std::int32_t, Eigen::Index> row_of;
     for (Eigen::Index k = 0; k < points; ++k) row_of[c.validation_rest[static_cast<std::size_t>(k)].id] = k;
     const auto terms = [&](const Point& X) {
@@ -85,7 +88,8 @@ Status Scene::read_motion(const Case& c) {
     }
     const auto solver = K.fullPivLu();
     if (!solver.isInvertible())
-        return invalid_input((c.folder / "validation_rest.csv").string() + ": points lie in one plane or twice in one place");
+        return invalid_input((c.folder / "validation_rest.csv").string() +
+                             ": points lie in one plane or twice in one place");
     Eigen::MatrixXd at_nodes(std::ssize(surface_nodes_), points + 4);
     for (std::size_t i = 0; i < surface_nodes_.size(); ++i)
         at_nodes.row(static_cast<Eigen::Index>(i)) = terms(c.mesh.nodes[at(surface_nodes_[i])]).transpose();
@@ -97,12 +101,14 @@ Status Scene::read_motion(const Case& c) {
         for (end = first; end < rows.size() && rows[end].t_s == rows[first].t_s; ++end) {
             const auto found = row_of.find(rows[end].id);
             if (found == row_of.end()) continue;
-            const Point d = minus(rows[end].position_m, c.validation_rest[static_cast<std::size_t>(found->second)].position_m);
+            const Point d =
+                minus(rows[end].position_m, c.validation_rest[static_cast<std::size_t>(found->second)].position_m);
             u.row(found->second) << d[0], d[1], d[2];
             true_points[static_cast<std::size_t>(found->second)] = rows[end].position_m;
         }
         if (!u.allFinite())
-            return invalid_input(file.string() + ": a point is missing at t = " + std::to_string(rows[first].t_s) + " s");
+            return invalid_input(file.string() + ": a point is missing at t = " + std::to_string(rows[first].t_s) +
+                                 " s");
         const Eigen::MatrixXd moved = at_nodes * solver.solve(u);
         times_.push_back(rows[first].t_s);
         auto& frame = trajectories_.emplace_back();
@@ -141,9 +147,20 @@ void Scene::add_band(const Case& c, const Surface& surface) {
 void Scene::add_box(const Point& low, const Point& high, Material material) {
     const auto first = static_cast<std::int32_t>(mesh_.rest.size());
     for (int corner = 0; corner < 8; ++corner)
-        mesh_.rest.push_back({(corner & 1) ? high[0] : low[0], (corner & 2) ? high[1] : low[1], (corner & 4) ? high[2] : low[2]});
-    constexpr std::array<std::array<std::int32_t, 3>, 12> faces{{{0, 2, 1}, {1, 2, 3}, {4, 5, 6}, {5, 7, 6}, {0, 1, 4}, {1, 5, 4},
-                                                                 {2, 6, 3}, {3, 6, 7}, {0, 4, 2}, {2, 4, 6}, {1, 3, 5}, {3, 7, 5}}};
+        mesh_.rest.push_back(
+            {(corner & 1) ? high[0] : low[0], (corner & 2) ? high[1] : low[1], (corner & 4) ? high[2] : low[2]});
+    constexpr std::array<std::array<std::int32_t, 3>, 12> faces{{{0, 2, 1},
+                                                                 {1, 2, 3},
+                                                                 {4, 5, 6},
+                                                                 {5, 7, 6},
+                                                                 {0, 1, 4},
+                                                                 {1, 5, 4},
+                                                                 {2, 6, 3},
+                                                                 {3, 6, 7},
+                                                                 {0, 4, 2},
+                                                                 {2, 4, 6},
+                                                                 {1, 3, 5},
+                                                                 {3, 7, 5}}};
     for (const auto& [a, b, c] : faces) mesh_.triangles.push_back({first + a, first + b, first + c});
     mesh_.material.insert(mesh_.material.end(), faces.size(), material);
 }
@@ -163,7 +180,8 @@ void Scene::move_retractor(double t_s) {
     const double phase = t_s / options_.sweep_period_s - std::floor(t_s / options_.sweep_period_s);
     const double sweep = phase < 0.5 ? 2.0 * phase : 2.0 - 2.0 * phase;
     const double x = low_[0] + sweep * (high_[0] - low_[0]);
-    for (std::size_t i = retractor_begin_; i < mesh_.rest.size(); ++i) mesh_.now[i] = plus(mesh_.rest[i], {x, 0.0, 0.0});
+    for (std::size_t i = retractor_begin_; i < mesh_.rest.size(); ++i)
+        mesh_.now[i] = plus(mesh_.rest[i], {x, 0.0, 0.0});
 }
 
 double Scene::case_time(double t_s) const {
@@ -175,14 +193,16 @@ double Scene::case_time(double t_s) const {
 void Scene::move_to(double t_s) {
     const double t = case_time(t_s);
     const auto after = std::upper_bound(times_.begin(), times_.end(), t);
-    const auto k = static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(after - times_.begin(), 1, std::ssize(times_) - 1));
+    const auto k =
+        static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(after - times_.begin(), 1, std::ssize(times_) - 1));
     const double w = std::clamp((t - times_[k - 1]) / (times_[k] - times_[k - 1]), 0.0, 1.0);
     const auto between = [&](const std::vector<std::vector<Point>>& paths, std::size_t i) {
         return plus(shift_now_, plus(times(1.0 - w, paths[k - 1][i]), times(w, paths[k][i])));
     };
     shift_now_ = options_.respiration ? options_.respiration->at(t_s) : Point{};
     for (std::size_t v = 0; v < table_begin_; ++v) mesh_.now[v] = plus(mesh_.rest[v], shift_now_);
-    for (std::size_t i = 0; i < surface_nodes_.size(); ++i) mesh_.now[at(surface_nodes_[i])] = between(trajectories_, i);
+    for (std::size_t i = 0; i < surface_nodes_.size(); ++i)
+        mesh_.now[at(surface_nodes_[i])] = between(trajectories_, i);
     points_now_.resize(points_[k].size());
     for (std::size_t i = 0; i < points_now_.size(); ++i) points_now_[i] = between(points_, i);
     move_retractor(t_s);

@@ -29,8 +29,8 @@ struct Mesh {
 };
 
 struct SceneOptions {
-    double occlusion = 0.0;          ///< share of the liver's width that the retractor covers, 0..0.9
-    double sweep_period_s = 7.3;     ///< of the retractor, there and back
+    double occlusion = 0.0;       ///< share of the liver's width that the retractor covers, 0..0.9
+    double sweep_period_s = 7.3;  ///< of the retractor, there and back
     double marker_radius_m = 0.003;
     std::optional<Respiration> respiration;
 };
@@ -76,9 +76,9 @@ class Scene {
     std::vector<std::vector<Point>> points_;        // [time][true point]
     std::vector<Point> points_now_;
     Point shift_now_{};
-    std::size_t table_begin_ = 0;                   // vertex; those before it breathe
-    std::size_t retractor_begin_ = 0;               // vertex
-    Point low_{}, high_{};                          // box of the liver at rest
+    std::size_t table_begin_ = 0;      // vertex; those before it breathe
+    std::size_t retractor_begin_ = 0;  // vertex
+    Point low_{}, high_{};             // box of the liver at rest
 };
 
 }  // namespace teres::phantom

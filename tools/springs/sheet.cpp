@@ -74,7 +74,8 @@ Result<SheetMaterial> sheet_of_curve(const std::filesystem::path& file, double p
     for (std::size_t r = 0; r < table.num_rows(); ++r) {
         const double e = table.number(r, 0), p = table.number(r, 1);
         if (!(e >= 0.0 && e <= 3.0))
-            return invalid_input(table.place(r) + ": strain = " + calculix::number(e) + ", expected 0 to 3 (1 = 100 %)");
+            return invalid_input(table.place(r) + ": strain = " + calculix::number(e) +
+                                 ", expected 0 to 3 (1 = 100 %)");
         if (!(p >= 0.0 && p <= kLargestStress_pa))
             return invalid_input(table.place(r) + ": stress_pa = " + calculix::number(p) + ", expected 0 to 1e10");
         A.row(static_cast<Eigen::Index>(r)) = stress_terms(1.0 + e).transpose();
@@ -97,7 +98,8 @@ Result<SheetMaterial> sheet_of_curve(const std::filesystem::path& file, double p
     const double misfit = (A * c - P).cwiseAbs().maxCoeff() / std::max(P.maxCoeff(), 1e-300);
     if (!(misfit <= kLargestMisfit))
         return invalid_input(file.string() + ": the Yeoh law fitted to it misses it by " +
-                             calculix::number(std::round(100.0 * misfit)) + " % of its largest stress, at most 10 % is taken");
+                             calculix::number(std::round(100.0 * misfit)) +
+                             " % of its largest stress, at most 10 % is taken");
     return m;
 }
 

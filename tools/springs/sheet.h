@@ -24,9 +24,9 @@ struct SheetMaterial {
 };
 
 SheetMaterial neo_hookean_sheet(double youngs_modulus_pa, double poissons_ratio);
-/// Least squares of c1, c2, c3 on a CSV file `strain,stress_pa` (nominal). Errors (kInvalidInput): fewer than four rows,
-/// strain or stress out of range, a fit that does not rise with the strain up to `strain` or misses the curve by more
-/// than a tenth of its largest stress.
+/// Least squares of c1, c2, c3 on a CSV file `strain,stress_pa` (nominal). Errors (kInvalidInput): fewer than four
+/// rows, strain or stress out of range, a fit that does not rise with the strain up to `strain` or misses the curve by
+/// more than a tenth of its largest stress.
 Result<SheetMaterial> sheet_of_curve(const std::filesystem::path& file, double poissons_ratio, double strain);
 
 struct Sheet {
@@ -39,9 +39,9 @@ struct Sheet {
 };
 
 struct SheetPath {
-    std::vector<double> load_share;           ///< of each step, ascending to 1
-    std::vector<Eigen::Matrix3Xd> edge_m;     ///< positions of the edge nodes: x along the length, y across
-    double seconds = 0.0;                     ///< of the solver
+    std::vector<double> load_share;        ///< of each step, ascending to 1
+    std::vector<Eigen::Matrix3Xd> edge_m;  ///< positions of the edge nodes: x along the length, y across
+    double seconds = 0.0;                  ///< of the solver
     std::size_t elements = 0;
 };
 

@@ -53,8 +53,8 @@ SpringSheet::SpringSheet(const Sheet& sheet, double E, const SpringLaw& law)
             if (j != i) others[i].push_back(j);
     }
     const double layer = 0.5 * sheet.length_m;
-    fans_ = make_fans(X, n, node, others, sheet.length_m, law.diagonal,
-                      {law.g3 / (layer * layer), law.g2 / layer, law.g1});
+    fans_ =
+        make_fans(X, n, node, others, sheet.length_m, law.diagonal, {law.g3 / (layer * layer), law.g2 / layer, law.g1});
     share_ = VectorXd::Constant(sheet.columns, 1.0 / (sheet.columns - 1));
     share_(0) = share_(sheet.columns - 1) = 0.5 / (sheet.columns - 1);
 }
@@ -122,14 +122,17 @@ Result<CalibrationResult> calibrate(const Sheet& sheet, const SheetMaterial& mat
         const double noise = std::max(kNoise_m, kFirstNoise_m * std::pow(0.5, out.rounds));
         const VectorXd variance = VectorXd::Constant(rows, noise * noise);
         // The state is the edge at rest, known; sigma points as in every step: draw, advance, correct.
-        RoUkf filter(Eigen::Map<const VectorXd>(X.data(), rows), out.mean, Vector4d(kPriorStdev.cwiseAbs2()).asDiagonal());
+        RoUkf filter(Eigen::Map<const VectorXd>(X.data(), rows), out.mean,
+                     Vector4d(kPriorStdev.cwiseAbs2()).asDiagonal());
         for (std::size_t s = 0; s < truth.load_share.size(); ++s) {
             MatrixXd points = filter.sigma_points();
             for (Eigen::Index p = 0; p < points.cols(); ++p) {
-                Matrix3Xd x = s == 0 ? X : Matrix3Xd(Eigen::Map<const Matrix3Xd>(points.col(p).data(), 3, sheet.columns));
+                Matrix3Xd x =
+                    s == 0 ? X : Matrix3Xd(Eigen::Map<const Matrix3Xd>(points.col(p).data(), 3, sheet.columns));
                 const SpringSheet springs(sheet, E, law_of(points.col(p).tail<4>()));
                 if (!springs.equilibrium(truth.load_share[s] * sheet.load_n(material), x))
-                    return not_usable(material.name + ": springs find no equilibrium at load step " + std::to_string(s + 1));
+                    return not_usable(material.name + ": springs find no equilibrium at load step " +
+                                      std::to_string(s + 1));
                 points.col(p).head(rows) = Eigen::Map<const VectorXd>(x.data(), rows);
             }
             filter.predict(points);

@@ -14,8 +14,7 @@ class DepthScale final : public SensorEffect {
         d_.kind = "sensor";
         d_.family = "sensor offset";
         d_.summary = "scale or bias of the measured depth";
-        d_.source =
-            "D435 reads 981 mm at 1 m: Calvert 2018; bias grows with depth squared: Intel D400 white paper";
+        d_.source = "D435 reads 981 mm at 1 m: Calvert 2018; bias grows with depth squared: Intel D400 white paper";
         d_.parameters = {amplitude("scale", "1", EffectTransform::kLog, 1.0, 0.02, 0.8, 1.25),
                          amplitude("bias", "m", EffectTransform::kIdentity, 0.0, 0.004, -0.04, 0.04)};
         if (!scene.camera) {
@@ -35,8 +34,7 @@ class DepthScale final : public SensorEffect {
         for (Eigen::Index k = 0; k < sighting.position.cols(); ++k) {
             const Eigen::Vector3d p = camera_.to_camera(sighting.position.col(k));
             const double factor = v[0] + v[1] * p.z() / (reference_depth_ * reference_depth_);
-            sighting.position.col(k) =
-                camera_.position + factor * (sighting.position.col(k) - camera_.position);
+            sighting.position.col(k) = camera_.position + factor * (sighting.position.col(k) - camera_.position);
         }
     }
 

@@ -46,10 +46,9 @@ class MarkerSlip final : public SensorEffect {
             for (const std::size_t n : nearest(m))
                 for (int from = 0; from < kSwapOnsets; ++from)
                     for (int to = from + 1; to <= kSwapOnsets; ++to)
-                        d_.candidates.push_back(
-                            {double(m), double(n), t0 + (t1 - t0) * from / kSwapOnsets,
-                             to == kSwapOnsets ? 2.0 * t1 - t0 : t0 + (t1 - t0) * to / kSwapOnsets, 0.0, 0.0,
-                             0.0, 1.0});
+                        d_.candidates.push_back({double(m), double(n), t0 + (t1 - t0) * from / kSwapOnsets,
+                                                 to == kSwapOnsets ? 2.0 * t1 - t0 : t0 + (t1 - t0) * to / kSwapOnsets,
+                                                 0.0, 0.0, 0.0, 1.0});
     }
     void observe(std::span<const double> v, Sighting& sighting) const override {
         const auto M = static_cast<double>(sighting.num_markers);
@@ -77,8 +76,7 @@ class MarkerSlip final : public SensorEffect {
         const auto count = std::min<std::size_t>(others.size(), kNeighbours);
         std::partial_sort(others.begin(), others.begin() + static_cast<std::ptrdiff_t>(count), others.end(),
                           [&](std::size_t a, std::size_t b) {
-                              return (rest_[a] - rest_[m]).squaredNorm() <
-                                     (rest_[b] - rest_[m]).squaredNorm();
+                              return (rest_[a] - rest_[m]).squaredNorm() < (rest_[b] - rest_[m]).squaredNorm();
                           });
         others.resize(count);
         std::erase_if(others, [&](std::size_t n) { return n < m; });

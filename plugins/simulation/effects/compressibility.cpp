@@ -11,8 +11,7 @@ namespace teres {
 namespace {
 
 double volume_modulus(const Material& material, double nu) {
-    return (material.law() == BodyLaw::kOgden ? (1.0 + nu) / 3.0 : nu) * 2.0 * material.mu() /
-           (1.0 - 2.0 * nu);
+    return (material.law() == BodyLaw::kOgden ? (1.0 + nu) / 3.0 : nu) * 2.0 * material.mu() / (1.0 - 2.0 * nu);
 }
 
 double poissons_ratio(const Material& material) {
@@ -30,8 +29,7 @@ class Compressibility final : public Effect {
         d_.summary = "tissue that changes its volume more or less easily";
         d_.source = "0.45-0.5 usual; gross errors to 0.2 assumed";
         const double nu = std::clamp(poissons_ratio(scene.parts.body.material()), 0.05, 0.4995);
-        d_.parameters = {
-            amplitude("poissons_ratio", "1", EffectTransform::kIdentity, nu, 0.06, 0.02, 0.4999)};
+        d_.parameters = {amplitude("poissons_ratio", "1", EffectTransform::kIdentity, nu, 0.06, 0.02, 0.4999)};
         d_.candidates.push_back({std::max(0.05, nu - 0.06)});
     }
     void apply(std::span<const double> v, Scene& scene) const override {

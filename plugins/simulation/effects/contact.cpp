@@ -22,8 +22,7 @@ class Contact final : public Effect {
             log_shape("radius", "m", 0.3 * scene.size_m, 1.0, 0.02 * scene.size_m, 20.0 * scene.size_m));
         for (const auto& p : surface_places(scene, 100, true))
             for (const double gap : {0.0, 0.002})
-                d_.candidates.push_back(
-                    {one_sigma(d_.parameters[0]), p.x(), p.y(), p.z(), gap, 0.3 * scene.size_m});
+                d_.candidates.push_back({one_sigma(d_.parameters[0]), p.x(), p.y(), p.z(), gap, 0.3 * scene.size_m});
         if (d_.candidates.empty()) d_.not_applicable = "the whole surface is attached";
     }
     void apply(std::span<const double> v, Scene& scene) const override {
@@ -32,8 +31,8 @@ class Contact final : public Effect {
         const auto& mesh = scene.mesh;
         for (std::size_t i = 0; i < mesh.num_nodes(); ++i)
             if (const auto k = static_cast<Eigen::Index>(i);
-                mesh.node_area[i] > 0.0 && (nearest < 0 || (mesh.X.col(k) - place).squaredNorm() <
-                                                               (mesh.X.col(nearest) - place).squaredNorm()))
+                mesh.node_area[i] > 0.0 &&
+                (nearest < 0 || (mesh.X.col(k) - place).squaredNorm() < (mesh.X.col(nearest) - place).squaredNorm()))
                 nearest = k;
         const Eigen::Vector3d normal = mesh.node_normal.col(nearest);
         // the foot of the place on the tangent plane: the obstacle moves smoothly with the parameters

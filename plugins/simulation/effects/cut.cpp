@@ -17,8 +17,7 @@ class Cut final : public Effect {
         const double duration = std::max(scene.end_s - scene.start_s, 1e-3), typical = 0.08 * scene.size_m;
         d_.parameters = {amplitude("loss", "1", EffectTransform::kIdentity, 0.0, 0.6, 0.0, 0.99)};
         add_centre(d_.parameters, scene);
-        d_.parameters.push_back(
-            log_shape("radius", "m", typical, 0.5, 0.015 * scene.size_m, 0.35 * scene.size_m));
+        d_.parameters.push_back(log_shape("radius", "m", typical, 0.5, 0.015 * scene.size_m, 0.35 * scene.size_m));
         d_.parameters.push_back(shape("onset", "s", scene.start_s + 0.5 * duration, 0.3 * duration,
                                       scene.start_s - 0.1 * duration, scene.end_s));
         d_.parameters.push_back(log_shape("duration", "s", 0.03 * duration, 0.8, 1e-4 * duration, duration));
@@ -28,8 +27,8 @@ class Cut final : public Effect {
         }
         for (const auto& p : inner_places(scene, 60))
             for (const double onset : onset_grid(scene, 6))
-                d_.candidates.push_back({one_sigma(d_.parameters[0]), p.x(), p.y(), p.z(), 1.3 * typical,
-                                         onset, 0.03 * duration});
+                d_.candidates.push_back(
+                    {one_sigma(d_.parameters[0]), p.x(), p.y(), p.z(), 1.3 * typical, onset, 0.03 * duration});
     }
     void apply(std::span<const double> v, Scene& scene) const override {
         const double loss = v[0] * ramp(scene.t_s, v[5], v[6]);

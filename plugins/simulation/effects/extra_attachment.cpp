@@ -19,8 +19,7 @@ class ExtraAttachment final : public Effect {
         d_.parameters = {amplitude("stiffness", "N/m3", EffectTransform::kIdentity, 0.0, 2e6, 0.0, 2e8)};
         add_centre(d_.parameters, scene);
         const double typical = 0.07 * scene.size_m;
-        d_.parameters.push_back(
-            log_shape("radius", "m", typical, 0.5, 0.01 * scene.size_m, 0.4 * scene.size_m));
+        d_.parameters.push_back(log_shape("radius", "m", typical, 0.5, 0.01 * scene.size_m, 0.4 * scene.size_m));
         for (const auto& p : surface_places(scene, 100, true))
             d_.candidates.push_back({one_sigma(d_.parameters[0]), p.x(), p.y(), p.z(), typical});
         if (d_.candidates.empty()) d_.not_applicable = "the whole surface is attached already";

@@ -11,11 +11,9 @@ class Gravity final : public Effect {
         d_.kind = "load";
         d_.family = "steady load";
         d_.summary = "weight that is missing or points elsewhere";
-        d_.source =
-            "reverse Trendelenburg 10-30 deg, semi-lateral 30-45 deg: Thiruchelvam 2021, Hepatoma Res 7:22";
+        d_.source = "reverse Trendelenburg 10-30 deg, semi-lateral 30-45 deg: Thiruchelvam 2021, Hepatoma Res 7:22";
         for (const char* name : {"change_x", "change_y", "change_z"})
-            d_.parameters.push_back(
-                amplitude(name, "m/s2", EffectTransform::kIdentity, 0.0, 1.5, -20.0, 20.0));
+            d_.parameters.push_back(amplitude(name, "m/s2", EffectTransform::kIdentity, 0.0, 1.5, -20.0, 20.0));
         if (scene.mass_kg > 0.0)
             d_.candidates.push_back(central_candidate(d_.parameters));
         else

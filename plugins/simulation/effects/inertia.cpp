@@ -14,9 +14,8 @@ class AddedMass final : public Effect {
         d_.family = "inertia";
         d_.summary = "a mass that moves with the body, such as that of a hung weight";
         d_.source = "assumed: up to the body's own mass";
-        d_.parameters = {amplitude("mass", "kg", EffectTransform::kIdentity, 0.0,
-                                   0.3 * std::max(scene.mass_kg, 1e-6), 0.0,
-                                   20.0 * std::max(scene.mass_kg, 1e-6))};
+        d_.parameters = {amplitude("mass", "kg", EffectTransform::kIdentity, 0.0, 0.3 * std::max(scene.mass_kg, 1e-6),
+                                   0.0, 20.0 * std::max(scene.mass_kg, 1e-6))};
         add_centre(d_.parameters, scene);
         const double typical = 0.08 * scene.size_m;
         d_.parameters.push_back(log_shape("radius", "m", typical, 0.5, 0.01 * scene.size_m, scene.size_m));
@@ -32,8 +31,7 @@ class AddedMass final : public Effect {
             double radius = 0.02 * scene.size_m;
             for (std::size_t k = 0; k < load.node.size(); ++k)
                 centre += load.weight[k] * scene.mesh.X.col(load.node[k]);
-            for (const auto node : load.node)
-                radius = std::max(radius, (scene.mesh.X.col(node) - centre).norm());
+            for (const auto node : load.node) radius = std::max(radius, (scene.mesh.X.col(node) - centre).norm());
             add(centre, radius);
         }
         for (const auto& p : surface_places(scene, 16, true)) add(p, typical);

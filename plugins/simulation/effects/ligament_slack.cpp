@@ -30,8 +30,8 @@ class LigamentSlack final : public Effect {
         for (const auto& ball : ligament_places(scene))
             for (const bool dead : {false, true})
                 d_.candidates.push_back({dead ? 0.0 : one_sigma(d_.parameters[0]),
-                                         dead ? one_sigma(d_.parameters[1]) : 0.0, ball.centre.x(),
-                                         ball.centre.y(), ball.centre.z(), ball.radius_m});
+                                         dead ? one_sigma(d_.parameters[1]) : 0.0, ball.centre.x(), ball.centre.y(),
+                                         ball.centre.z(), ball.radius_m});
     }
     void apply(std::span<const double> v, Scene& scene) const override {
         const Eigen::Vector3d centre(v[2], v[3], v[4]);

@@ -23,11 +23,9 @@ class MovingAttachment final : public Effect {
         d_.source = "CC 5.3+-2.2, AP 2.3+-1.1, LR 2.9+-1.2 mm: s13014-016-0762-z; 0.1-0.5 Hz assumed";
         for (const char* name :
              {"offset_x", "offset_y", "offset_z", "cos_x", "cos_y", "cos_z", "sin_x", "sin_y", "sin_z"})
-            d_.parameters.push_back(
-                amplitude(name, "m", EffectTransform::kIdentity, 0.0, 0.004, -0.04, 0.04));
+            d_.parameters.push_back(amplitude(name, "m", EffectTransform::kIdentity, 0.0, 0.004, -0.04, 0.04));
         for (const char* name : {"cos2_x", "cos2_y", "cos2_z", "sin2_x", "sin2_y", "sin2_z"})
-            d_.parameters.push_back(
-                amplitude(name, "m", EffectTransform::kIdentity, 0.0, 0.0015, -0.02, 0.02));
+            d_.parameters.push_back(amplitude(name, "m", EffectTransform::kIdentity, 0.0, 0.0015, -0.02, 0.02));
         d_.parameters.push_back(log_shape("frequency", "Hz", 0.25, 0.5, 0.02, 2.0));
         for (const char* name : {"tilt_x", "tilt_y", "tilt_z"})
             d_.parameters.push_back(shape(name, "1", 0.0, 0.7, -5.0, 5.0));
@@ -41,8 +39,7 @@ class MovingAttachment final : public Effect {
             return;
         }
         for (std::size_t t = 0; t < scene.parts.tethers.size(); ++t)
-            middle_ += scene.mesh.X.col(scene.parts.tethers[t].node) /
-                       static_cast<double>(scene.parts.tethers.size());
+            middle_ += scene.mesh.X.col(scene.parts.tethers[t].node) / static_cast<double>(scene.parts.tethers.size());
         const double step = std::max(0.5 / duration, 0.4 / 16.0);  // a quarter turn over half the recording
         std::vector<double> values = central_candidate(d_.parameters);
         for (double f = 0.1; f <= 0.5 + 1e-9; f += step) {
@@ -52,11 +49,9 @@ class MovingAttachment final : public Effect {
     }
     void apply(std::span<const double> v, Scene& scene) const override {
         const double phase = 2.0 * std::numbers::pi * v[15] * (scene.t_s - scene.start_s);
-        const double basis[5] = {1.0, std::cos(phase), std::sin(phase), std::cos(2.0 * phase),
-                                 std::sin(2.0 * phase)};
+        const double basis[5] = {1.0, std::cos(phase), std::sin(phase), std::cos(2.0 * phase), std::sin(2.0 * phase)};
         Eigen::Vector3d b = Eigen::Vector3d::Zero();
-        for (std::size_t k = 0; k < 5; ++k)
-            b += basis[k] * Eigen::Vector3d(v[3 * k], v[3 * k + 1], v[3 * k + 2]);
+        for (std::size_t k = 0; k < 5; ++k) b += basis[k] * Eigen::Vector3d(v[3 * k], v[3 * k + 1], v[3 * k + 2]);
         const Eigen::Vector3d tilt = Eigen::Vector3d(v[16], v[17], v[18]) / scene.size_m;
         for (std::size_t k = 0; k < scene.tethers.clamp_end; ++k) {
             Tether& t = scene.ties()[k];

@@ -60,8 +60,7 @@ std::vector<Vector3d> inner_places(const Scene& scene, std::size_t count) {
 std::vector<Ball> ligament_places(const Scene& scene) {
     std::vector<Ball> balls;
     std::set<std::int32_t> groups;
-    for (std::size_t t = 0; t < scene.tethers.ligament_end; ++t)
-        groups.insert(scene.parts.tethers[t].parameter);
+    for (std::size_t t = 0; t < scene.tethers.ligament_end; ++t) groups.insert(scene.parts.tethers[t].parameter);
     const auto add = [&](auto&& belongs) {
         Ball ball;
         double weight = 0.0;
@@ -102,9 +101,8 @@ Patch surface_patch(const Scene& scene, const Vector3d& centre, double radius_m)
     Eigen::Index nearest = -1;  // a patch smaller than the mesh: its nearest surface node
     for (std::size_t i = 0; i < scene.mesh.num_nodes(); ++i)
         if (const auto k = static_cast<Eigen::Index>(i);
-            scene.mesh.node_area[i] > 0.0 &&
-            (nearest < 0 || (scene.mesh.X.col(k) - centre).squaredNorm() <
-                                (scene.mesh.X.col(nearest) - centre).squaredNorm()))
+            scene.mesh.node_area[i] > 0.0 && (nearest < 0 || (scene.mesh.X.col(k) - centre).squaredNorm() <
+                                                                 (scene.mesh.X.col(nearest) - centre).squaredNorm()))
             nearest = k;
     patch.node.push_back(static_cast<NodeIndex>(nearest));
     patch.area_m2.push_back(scene.mesh.node_area[static_cast<std::size_t>(nearest)]);
@@ -121,8 +119,7 @@ double ramp(double t, double t0, double rise) {
 
 std::vector<double> onset_grid(const Scene& scene, int count) {
     std::vector<double> onsets;
-    for (int k = 1; k <= count; ++k)
-        onsets.push_back(scene.start_s + (scene.end_s - scene.start_s) * k / (count + 1));
+    for (int k = 1; k <= count; ++k) onsets.push_back(scene.start_s + (scene.end_s - scene.start_s) * k / (count + 1));
     return onsets;
 }
 
@@ -131,8 +128,7 @@ void add_centre(std::vector<EffectParameter>& parameters, const Scene& scene) {
     for (Eigen::Index a = 0; a < 3; ++a) {
         const double low = scene.mesh.X.row(a).minCoeff(), high = scene.mesh.X.row(a).maxCoeff(),
                      margin = 0.05 * (high - low);
-        parameters.push_back(
-            shape(kName[a], "m", scene.centre(a), 0.29 * (high - low), low - margin, high + margin));
+        parameters.push_back(shape(kName[a], "m", scene.centre(a), 0.29 * (high - low), low - margin, high + margin));
     }
 }
 

@@ -25,8 +25,7 @@ class Pressure final : public Effect {
         for (const char* name : {"toward_x", "toward_y", "toward_z"})
             d_.parameters.push_back(shape(name, "1", 0.0, 0.6, -1.0, 1.0));
         const auto add = [&](const Eigen::Vector3d& d) {
-            d_.candidates.push_back(
-                {one_sigma(d_.parameters[0]), one_sigma(d_.parameters[1]), d.x(), d.y(), d.z()});
+            d_.candidates.push_back({one_sigma(d_.parameters[0]), one_sigma(d_.parameters[1]), d.x(), d.y(), d.z()});
         };
         if (scene.data.sensor.view_direction) {
             const Point& view = *scene.data.sensor.view_direction;
@@ -42,9 +41,7 @@ class Pressure final : public Effect {
         const Eigen::Vector3d d(v[2], v[3], v[4]);
         const double length = d.norm();
         for (std::size_t t = 0; t < scene.mesh.surface.size(); ++t) {
-            const auto at = [&](std::size_t i) {
-                return Eigen::Vector3d(scene.mesh.X.col(scene.mesh.surface[t][i]));
-            };
+            const auto at = [&](std::size_t i) { return Eigen::Vector3d(scene.mesh.X.col(scene.mesh.surface[t][i])); };
             const Eigen::Vector3d N = (at(1) - at(0)).cross(at(2) - at(0)).normalized();
             const double share = length > 1e-3 ? std::clamp(N.dot(d) / length / 0.3, 0.0, 1.0) : 1.0;
             scene.pressure_pa(static_cast<Eigen::Index>(t)) += share * p;

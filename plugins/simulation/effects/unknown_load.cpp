@@ -26,8 +26,7 @@ class UnknownLoad final : public Effect {
         add_centre(d_.parameters, scene);
         const double t0 = scene.start_s, t1 = scene.end_s, duration = std::max(t1 - t0, 1e-3),
                      radius = 0.05 * scene.size_m;
-        d_.parameters.push_back(
-            log_shape("radius", "m", radius, 0.4, 0.01 * scene.size_m, 0.3 * scene.size_m));
+        d_.parameters.push_back(log_shape("radius", "m", radius, 0.4, 0.01 * scene.size_m, 0.3 * scene.size_m));
         d_.parameters.push_back(shape("onset", "s", t0 + 0.3 * duration, 0.5 * duration, t0 - duration, t1));
         d_.parameters.push_back(shape("end", "s", t1, duration, t0, t1 + 2.0 * duration));
         d_.parameters.push_back(log_shape("rise", "s", 0.05 * duration, 0.8, 1e-4 * duration, duration));
@@ -42,7 +41,8 @@ class UnknownLoad final : public Effect {
             for (const double share : {0.0, 0.33, 0.66})
                 add(t0 + share * duration, t0 + (share + 0.33) * duration, 0.0);
             for (const double share : {0.0, 0.2, 0.4, 0.6})
-                for (const double periods : {1.5, 2.5, 4.0}) add(t0 + share * duration, never, std::min(periods / duration, 3.0));
+                for (const double periods : {1.5, 2.5, 4.0})
+                    add(t0 + share * duration, never, std::min(periods / duration, 3.0));
         }
     }
     void apply(std::span<const double> v, Scene& scene) const override {

@@ -23,7 +23,8 @@ TEST(ZBuffer, DepthOfATiltedPlaneIsExact) {
 }
 
 TEST(ZBuffer, NearerTriangleHidesAndBackFacesAreCulled) {
-    const std::vector<Point> x{{-1, -1, 1}, {1, -1, 1}, {0, 1, 1}, {-1, -1, 0.5}, {1, -1, 0.5}, {0, 1, 0.5}, {0, 0, -1}};
+    const std::vector<Point> x{{-1, -1, 1},  {1, -1, 1},  {0, 1, 1}, {-1, -1, 0.5},
+                               {1, -1, 0.5}, {0, 1, 0.5}, {0, 0, -1}};
     ZBuffer buffer(160, 120);
     std::vector<ZBuffer::Vertex> vertices;
     ZBuffer::project(x, {}, kCamera, vertices);

@@ -83,9 +83,9 @@ TEST_F(BadCase, AbsentOptionalFilesMeanAbsentThings) {
 }
 
 TEST_F(BadCase, EmptyFilesAreNamed) {
-    for (const char* file : {"case.json", "mesh.vtk", "clamped.csv", "ligament_prior.csv", "load_nodes.csv",
-                             "loads.csv", "tool_nodes.csv", "tool.csv", "springs.csv", "markers_rest.csv",
-                             "observations.csv", "validation_rest.csv"}) {
+    for (const char* file :
+         {"case.json", "mesh.vtk", "clamped.csv", "ligament_prior.csv", "load_nodes.csv", "loads.csv", "tool_nodes.csv",
+          "tool.csv", "springs.csv", "markers_rest.csv", "observations.csv", "validation_rest.csv"}) {
         const std::string kept = text(file);
         write(file, "");
         EXPECT_THAT(error(), HasSubstr(std::string(file) + ":1: empty file")) << file;
@@ -148,8 +148,7 @@ TEST_F(BadCase, NodeInNoTetrahedronIsNamed) {
 
 TEST_F(BadCase, OverlappingTetrahedraAreNamed) {
     rewrite([](Case& c) { c.mesh.tets.push_back(c.mesh.tets[5]); });
-    EXPECT_THAT(error(),
-                HasSubstr("mesh.vtk: tetrahedra 5 and 96 overlap: both lie on the same side of face "));
+    EXPECT_THAT(error(), HasSubstr("mesh.vtk: tetrahedra 5 and 96 overlap: both lie on the same side of face "));
 }
 
 TEST_F(BadCase, MillimetresAreRecognised) {
@@ -158,8 +157,7 @@ TEST_F(BadCase, MillimetresAreRecognised) {
     });
     EXPECT_THAT(
         error(),
-        HasSubstr(
-            "mesh.vtk: the body is 100 m long, at most 5 m is allowed; are the coordinates in millimetres?"));
+        HasSubstr("mesh.vtk: the body is 100 m long, at most 5 m is allowed; are the coordinates in millimetres?"));
 }
 
 TEST_F(BadCase, NodeIdsOutsideTheMeshAreNamed) {

@@ -85,25 +85,20 @@ TEST(CaseJson, KeyThatAppearsTwiceIsAnError) {
 TEST(CaseJson, MissingKeyIsNamed) {
     EXPECT_EQ(error_of(with("\"format\": \"teres-case-1\",", "")), "case.json: format: missing key");
     EXPECT_EQ(error_of(with("\"frames\": 61, ", "")), "case.json: time.frames: missing key");
-    EXPECT_EQ(error_of(with("\"noise_sigma_m\": 0.0003, ", "")),
-              "case.json: sensor.noise_sigma_m: missing key");
-    EXPECT_EQ(error_of(with("\"bulk_modulus_pa\": 358096.7,", "")),
-              "case.json: body.bulk_modulus_pa: missing key");
+    EXPECT_EQ(error_of(with("\"noise_sigma_m\": 0.0003, ", "")), "case.json: sensor.noise_sigma_m: missing key");
+    EXPECT_EQ(error_of(with("\"bulk_modulus_pa\": 358096.7,", "")), "case.json: body.bulk_modulus_pa: missing key");
 }
 
 TEST(CaseJson, WrongTypeIsNamed) {
     EXPECT_EQ(error_of(with("0.88", "\"0.88\"")), "case.json:8: body.alpha: is a text, expected a number");
     EXPECT_EQ(error_of(with("\"good\"", "7")), "case.json:3: name: is a number, expected a text");
-    EXPECT_EQ(error_of(with("true", "1")),
-              "case.json:4: time.quasi_static: is a number, expected true or false");
+    EXPECT_EQ(error_of(with("true", "1")), "case.json:4: time.quasi_static: is a number, expected true or false");
     EXPECT_EQ(error_of(with("{\"law\": \"neo_hookean\", \"youngs_modulus_pa\": 1e5, \"poissons_ratio\": "
                             "0.48, \"height_m\": 0.025}",
                             "null")),
               "case.json:12: ligament: is null, expected an object");
-    EXPECT_EQ(error_of(with("[0, 0, -9.807]", "[0, 0]")),
-              "case.json:13: gravity_m_s2: 2 elements, expected 3");
-    EXPECT_THAT(error_of(with("[0, 0, -9.807]", "[0, 0, \"down\"]")),
-                HasSubstr("gravity_m_s2[2]: is a text"));
+    EXPECT_EQ(error_of(with("[0, 0, -9.807]", "[0, 0]")), "case.json:13: gravity_m_s2: 2 elements, expected 3");
+    EXPECT_THAT(error_of(with("[0, 0, -9.807]", "[0, 0, \"down\"]")), HasSubstr("gravity_m_s2[2]: is a text"));
     EXPECT_EQ(error_of("[1, 2]"), "case.json:1: not a JSON object");
 }
 
@@ -112,20 +107,15 @@ TEST(CaseJson, OutOfRangeNamesValueAndBound) {
               "case.json:12: ligament.poissons_ratio: 0.5 is outside (-1, 0.5)");
     EXPECT_EQ(error_of(with("\"poissons_ratio\": 0.48", "\"poissons_ratio\": -1")),
               "case.json:12: ligament.poissons_ratio: -1 is outside (-1, 0.5)");
-    EXPECT_EQ(error_of(with("7210.0", "-7210.0")),
-              "case.json:7: body.shear_modulus_pa: -7210 is outside (0, 1e+12]");
+    EXPECT_EQ(error_of(with("7210.0", "-7210.0")), "case.json:7: body.shear_modulus_pa: -7210 is outside (0, 1e+12]");
     EXPECT_EQ(error_of(with("0.88", "0")),
               "case.json:8: body.alpha: 0 is not allowed: W has alpha^2 in its denominator");
-    EXPECT_THAT(error_of(with("\"frames\": 61", "\"frames\": 0")),
-                HasSubstr("time.frames: 0 is outside [1, "));
-    EXPECT_THAT(error_of(with("\"frames\": 61", "\"frames\": 1.5")),
-                HasSubstr("time.frames: 1.5 is not an integer"));
+    EXPECT_THAT(error_of(with("\"frames\": 61", "\"frames\": 0")), HasSubstr("time.frames: 0 is outside [1, "));
+    EXPECT_THAT(error_of(with("\"frames\": 61", "\"frames\": 1.5")), HasSubstr("time.frames: 1.5 is not an integer"));
     EXPECT_THAT(error_of(with("\"dt_s\": 0.2", "\"dt_s\": 0")), HasSubstr("time.dt_s: 0 is outside (0, "));
     EXPECT_THAT(error_of(with("1060.0", "-1")), HasSubstr("body.density_kg_m3: -1 is outside [0, "));
-    EXPECT_THAT(error_of(with("-9.807", "-98070")),
-                HasSubstr("gravity_m_s2[2]: -98070 is outside [-1000, 1000]"));
-    EXPECT_THAT(error_of(with("\"up\": [0, 1, 0]", "\"up\": [0, 0, 0]")),
-                HasSubstr("sensor.up: has no length"));
+    EXPECT_THAT(error_of(with("-9.807", "-98070")), HasSubstr("gravity_m_s2[2]: -98070 is outside [-1000, 1000]"));
+    EXPECT_THAT(error_of(with("\"up\": [0, 1, 0]", "\"up\": [0, 0, 0]")), HasSubstr("sensor.up: has no length"));
 }
 
 TEST(CaseJson, NonFiniteNumbersAreRefused) {
@@ -154,8 +144,7 @@ TEST(CaseJson, GravityNeedsDensity) {
 }
 
 TEST(CaseJson, BrokenSyntaxNamesTheLine) {
-    EXPECT_THAT(error_of(with("\"alpha\": 0.88,", "\"alpha\": 0.88")),
-                HasSubstr("case.json:9: not valid JSON"));
+    EXPECT_THAT(error_of(with("\"alpha\": 0.88,", "\"alpha\": 0.88")), HasSubstr("case.json:9: not valid JSON"));
     EXPECT_THAT(error_of(kGood.substr(0, 200)), HasSubstr("not valid JSON"));
     EXPECT_THAT(error_of(kGood + "x"), HasSubstr("case.json:16: not valid JSON"));
     EXPECT_EQ(error_of(""), "case.json:1: empty file, expected a JSON object");

@@ -17,8 +17,7 @@ constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 // A case that uses every table of the format.
 Case full_case() {
-    Case c = test::clamped_block(
-        {.cells = {4, 2, 2}, .law = BodyLaw::kOgden, .full_force_n = {0.0, 1.0 / 3.0, -0.1}});
+    Case c = test::clamped_block({.cells = {4, 2, 2}, .law = BodyLaw::kOgden, .full_force_n = {0.0, 1.0 / 3.0, -0.1}});
     c.ligament = LigamentData{LigamentLaw::kCubicSpring, 1e5, 0.48, 0.025, 0.02, 0.001};
     c.gravity_m_s2 = {0.0, 0.1, -9.81};
     c.sensor.camera_position_m = Point{0.0, 0.0, 0.35};
@@ -126,8 +125,7 @@ TEST(CaseWriter, UnwritableFolderIsAHostFault) {
 
 TEST(CaseWriter, PositionsSurviveTheRoundTrip) {
     const test::ScratchFolder scratch;
-    const std::vector<PositionSample> samples{{0.0, 0, {1.0 / 3.0, -2e-17, 0.1}},
-                                              {0.2, 0, {kNaN, kNaN, kNaN}}};
+    const std::vector<PositionSample> samples{{0.0, 0, {1.0 / 3.0, -2e-17, 0.1}}, {0.2, 0, {kNaN, kNaN, kNaN}}};
     const auto file = scratch.path() / "predict.csv";
     ASSERT_TRUE(write_positions(file, "point_id", samples));
     const auto read = read_positions(file, "point_id");

@@ -10,10 +10,8 @@ namespace {
 
 using ::testing::HasSubstr;
 
-const std::vector<CsvColumn> kColumns{{"t_s", CsvKind::kNumber},
-                                      {"region", CsvKind::kText},
-                                      {"node_id", CsvKind::kId},
-                                      {"x_m", CsvKind::kNumberOrNan}};
+const std::vector<CsvColumn> kColumns{
+    {"t_s", CsvKind::kNumber}, {"region", CsvKind::kText}, {"node_id", CsvKind::kId}, {"x_m", CsvKind::kNumberOrNan}};
 const std::string kHeader = "t_s,region,node_id,x_m\n";
 
 std::string error_of(const std::string& text) {
@@ -55,27 +53,21 @@ TEST(CsvTable, HeaderMustMatch) {
 TEST(CsvTable, TruncatedRowIsNamed) {
     EXPECT_EQ(error_of(kHeader + "0,F1,1,2\n0,F1,"),
               "table.csv:3: 3 columns, expected 4 (t_s,region,node_id,x_m); is the file truncated?");
-    EXPECT_EQ(error_of(kHeader + "0,F1\n0,F1,1,2\n"),
-              "table.csv:2: 2 columns, expected 4 (t_s,region,node_id,x_m)");
+    EXPECT_EQ(error_of(kHeader + "0,F1\n0,F1,1,2\n"), "table.csv:2: 2 columns, expected 4 (t_s,region,node_id,x_m)");
     // cut inside the last number, which still reads as a number
-    EXPECT_THAT(error_of(kHeader + "0,F1,1,2.34"),
-                HasSubstr("table.csv:2: the last line has no line end: truncated?"));
+    EXPECT_THAT(error_of(kHeader + "0,F1,1,2.34"), HasSubstr("table.csv:2: the last line has no line end: truncated?"));
 }
 
 TEST(CsvTable, WrongValuesNameColumnAndBound) {
-    EXPECT_EQ(error_of(kHeader + "0,F1,1,2\nabc,F1,1,2\n"),
-              "table.csv:3: t_s = 'abc', expected a finite number");
+    EXPECT_EQ(error_of(kHeader + "0,F1,1,2\nabc,F1,1,2\n"), "table.csv:3: t_s = 'abc', expected a finite number");
     EXPECT_EQ(error_of(kHeader + "nan,F1,1,2\n"), "table.csv:2: t_s = 'nan', expected a finite number");
-    EXPECT_EQ(error_of(kHeader + "0,F1,1,inf\n"),
-              "table.csv:2: x_m = 'inf', expected a finite number or NaN");
-    EXPECT_EQ(error_of(kHeader + "0,F1,1,1e400\n"),
-              "table.csv:2: x_m = '1e400', expected a finite number or NaN");
+    EXPECT_EQ(error_of(kHeader + "0,F1,1,inf\n"), "table.csv:2: x_m = 'inf', expected a finite number or NaN");
+    EXPECT_EQ(error_of(kHeader + "0,F1,1,1e400\n"), "table.csv:2: x_m = '1e400', expected a finite number or NaN");
     EXPECT_EQ(error_of(kHeader + "0,F1,1,\n"), "table.csv:2: x_m = '', expected a finite number or NaN");
     EXPECT_EQ(error_of(kHeader + "0,,1,2\n"), "table.csv:2: region = '', expected a name");
     EXPECT_THAT(error_of(kHeader + "0,F1,1,0x10\n"), HasSubstr("x_m = '0x10'"));
     for (const char* id : {"-1", "1.5", "2147483648", "1e3", "", "99999999999999999999"})
-        EXPECT_THAT(error_of(kHeader + "0,F1," + id + ",2\n"),
-                    HasSubstr("expected an integer in [0, 2147483647]"))
+        EXPECT_THAT(error_of(kHeader + "0,F1," + id + ",2\n"), HasSubstr("expected an integer in [0, 2147483647]"))
             << id;
 }
 

@@ -17,8 +17,7 @@ TEST(Surface, BlockBoundaryIsClosedAndFacesOutward) {
     const Surface surface(mesh);
     double area = 0.0, volume = 0.0;
     for (const auto& [a, b, c] : surface.triangles()) {
-        const Point &A = mesh.nodes[static_cast<std::size_t>(a)],
-                    &B = mesh.nodes[static_cast<std::size_t>(b)],
+        const Point &A = mesh.nodes[static_cast<std::size_t>(a)], &B = mesh.nodes[static_cast<std::size_t>(b)],
                     &C = mesh.nodes[static_cast<std::size_t>(c)];
         area += 0.5 * norm(cross(minus(B, A), minus(C, A)));
         volume += dot(A, cross(B, C)) / 6.0;  // divergence theorem: positive only if all face outward
@@ -35,10 +34,9 @@ TEST(Surface, OrientationDoesNotDependOnTheOrderOfNodes) {
     double volume = 0.0;
     const Surface surface(mesh);
     for (const auto& [a, b, c] : surface.triangles())
-        volume +=
-            dot(mesh.nodes[static_cast<std::size_t>(a)],
-                cross(mesh.nodes[static_cast<std::size_t>(b)], mesh.nodes[static_cast<std::size_t>(c)])) /
-            6.0;
+        volume += dot(mesh.nodes[static_cast<std::size_t>(a)],
+                      cross(mesh.nodes[static_cast<std::size_t>(b)], mesh.nodes[static_cast<std::size_t>(c)])) /
+                  6.0;
     EXPECT_NEAR(volume, 1e-3, 1e-12);
 }
 
@@ -65,8 +63,8 @@ TEST(Surface, ClosestPointOfABlockMatchesTheClosedForm) {
         Point by_weights{};
         for (std::size_t k = 0; k < 3; ++k) {
             EXPECT_GE(found.barycentric[k], 0.0);
-            by_weights = plus(by_weights,
-                              times(found.barycentric[k], mesh.nodes[static_cast<std::size_t>(triangle[k])]));
+            by_weights =
+                plus(by_weights, times(found.barycentric[k], mesh.nodes[static_cast<std::size_t>(triangle[k])]));
         }
         EXPECT_NEAR(distance(by_weights, found.position_m), 0.0, 1e-12);
     }
@@ -87,10 +85,8 @@ TEST(Surface, GridFindsWhatTheWholeSearchFinds) {
         const Point p{at(random), at(random), at(random) - 0.1};
         double nearest = 1e9;
         for (const auto& [a, b, c] : with_grid.triangles()) {
-            TetMeshData
-                one;  // a sliver tetrahedron whose base is the triangle: its surface is searched whole
-            const Point &A = fine.nodes[static_cast<std::size_t>(a)],
-                        &B = fine.nodes[static_cast<std::size_t>(b)],
+            TetMeshData one;  // a sliver tetrahedron whose base is the triangle: its surface is searched whole
+            const Point &A = fine.nodes[static_cast<std::size_t>(a)], &B = fine.nodes[static_cast<std::size_t>(b)],
                         &C = fine.nodes[static_cast<std::size_t>(c)];
             // cheap lower bound first: a triangle is within its longest edge of each corner
             const double reach = std::max({distance(A, B), distance(B, C), distance(C, A)});
@@ -110,8 +106,7 @@ TEST(Surface, NodeNormalsPointAwayFromTheMiddle) {
     const auto normals = surface.node_normals();
     ASSERT_EQ(normals.size(), surface.nodes().size());
     for (std::size_t i = 0; i < normals.size(); ++i) {
-        const Point from_middle =
-            minus(mesh.nodes[static_cast<std::size_t>(surface.nodes()[i])], {0.05, 0.05, 0.05});
+        const Point from_middle = minus(mesh.nodes[static_cast<std::size_t>(surface.nodes()[i])], {0.05, 0.05, 0.05});
         EXPECT_NEAR(norm(normals[i]), 1.0, 1e-12);
         EXPECT_GT(dot(normals[i], from_middle), 0.0);
     }

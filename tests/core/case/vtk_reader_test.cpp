@@ -80,15 +80,13 @@ TEST(VtkReader, SkipsDataThatItDoesNotNeed) {
 }
 
 TEST(VtkReader, ReadsRegionFromAFieldArray) {
-    const auto mesh =
-        parse_vtk_tets(kGood + "CELL_DATA 2\nFIELD FieldData 1\nregion 1 2 int\n7 8\n", "mesh.vtk");
+    const auto mesh = parse_vtk_tets(kGood + "CELL_DATA 2\nFIELD FieldData 1\nregion 1 2 int\n7 8\n", "mesh.vtk");
     ASSERT_TRUE(mesh) << mesh.error().text;
     EXPECT_EQ(mesh->region, (std::vector<std::int32_t>{7, 8}));
 }
 
 TEST(VtkReader, ReadsVersionFiveCells) {
-    const std::string cells =
-        "CELLS 3 8\nOFFSETS vtktypeint64\n0 4 8\nCONNECTIVITY vtktypeint64\n0 1 2 3 1 2 3 4\n";
+    const std::string cells = "CELLS 3 8\nOFFSETS vtktypeint64\n0 4 8\nCONNECTIVITY vtktypeint64\n0 1 2 3 1 2 3 4\n";
     const std::string text = with("CELLS 2 10\n4 0 1 2 3\n4 1 2 3 4\n", cells);
     const auto mesh = parse_vtk_tets(text, "mesh.vtk"), old = parse_vtk_tets(kGood, "mesh.vtk");
     ASSERT_TRUE(mesh) << mesh.error().text;
@@ -99,8 +97,7 @@ TEST(VtkReader, ReadsVersionFiveCells) {
 
 TEST(VtkReader, InvertedTetrahedronIsNamedWithItsVolume) {
     const std::string text = with("4 1 2 3 4", "4 2 1 3 4");
-    EXPECT_THAT(error_of(text),
-                HasSubstr("mesh.vtk:13: tetrahedron 1 is inverted: volume -0.000333333333 m^3"));
+    EXPECT_THAT(error_of(text), HasSubstr("mesh.vtk:13: tetrahedron 1 is inverted: volume -0.000333333333 m^3"));
     const auto kept = parse_vtk_tets(text, "mesh.vtk", true);
     ASSERT_TRUE(kept) << kept.error().text;
     EXPECT_EQ(kept->tets[1], (std::array<std::int32_t, 4>{2, 1, 3, 4}));
@@ -111,13 +108,11 @@ TEST(VtkReader, DegenerateTetrahedronIsAnErrorInAnyOrder) {
     const std::string flat = with("0.1 0.1 0.1", "0.05 0.05 1e-12", with("4 1 2 3 4", "4 0 1 2 4"));
     EXPECT_THAT(error_of(flat), HasSubstr("mesh.vtk:13: tetrahedron 1 is degenerate: volume "));
     EXPECT_THAT(error_of(flat, true), HasSubstr("is degenerate"));
-    EXPECT_THAT(error_of(with("4 1 2 3 4", "4 1 2 3 3")),
-                HasSubstr("tetrahedron 1 is degenerate: volume 0 m^3"));
+    EXPECT_THAT(error_of(with("4 1 2 3 4", "4 1 2 3 3")), HasSubstr("tetrahedron 1 is degenerate: volume 0 m^3"));
 }
 
 TEST(VtkReader, NodeIdOutOfRangeIsNamed) {
-    EXPECT_EQ(error_of(with("4 1 2 3 4", "4 1 2 3 5")),
-              "mesh.vtk:13: '5', expected a node id, an integer in [0, 4]");
+    EXPECT_EQ(error_of(with("4 1 2 3 4", "4 1 2 3 5")), "mesh.vtk:13: '5', expected a node id, an integer in [0, 4]");
     EXPECT_THAT(error_of(with("4 1 2 3 4", "4 1 2 3 -1")), HasSubstr("'-1', expected a node id"));
 }
 
@@ -126,15 +121,13 @@ TEST(VtkReader, OtherCellsAreRefused) {
               "mesh.vtk:13: '3', expected number of nodes of a tetrahedron, an integer in [4, 4]");
     EXPECT_EQ(error_of(with("10\n10\n", "10\n12\n")),
               "mesh.vtk:16: '12', expected cell type (tetrahedra only), an integer in [10, 10]");
-    EXPECT_EQ(error_of(with("CELLS 2 10", "CELLS 2 12")),
-              "mesh.vtk:11: CELLS 2 12: size must be 10 for tetrahedra");
+    EXPECT_EQ(error_of(with("CELLS 2 10", "CELLS 2 12")), "mesh.vtk:11: CELLS 2 12: size must be 10 for tetrahedra");
     EXPECT_EQ(error_of(with("CELL_TYPES 2", "CELL_TYPES 1")), "mesh.vtk:14: CELL_TYPES 1, expected 2");
 }
 
 TEST(VtkReader, HugeCountsAreRefusedBeforeTheyAreAllocated) {
-    EXPECT_THAT(
-        error_of(with("POINTS 5", "POINTS 2000000000")),
-        HasSubstr("mesh.vtk:5: number of points 2000000000 is more than the rest of the file can hold"));
+    EXPECT_THAT(error_of(with("POINTS 5", "POINTS 2000000000")),
+                HasSubstr("mesh.vtk:5: number of points 2000000000 is more than the rest of the file can hold"));
     EXPECT_THAT(error_of(with("POINTS 5", "POINTS 99999999999999999999")),
                 HasSubstr("expected number of points, an integer in"));
     EXPECT_THAT(error_of(with("CELLS 2 10", "CELLS 400000000 2000000000")),
@@ -152,8 +145,7 @@ TEST(VtkReader, EveryTruncationIsAnErrorOrHarmless) {
 }
 
 TEST(VtkReader, NonFiniteAndUnreadableNumbersAreNamed) {
-    EXPECT_EQ(error_of(with("0 0 0.1\n", "0 nan 0.1\n")),
-              "mesh.vtk:9: 'nan', expected a coordinate, a finite number");
+    EXPECT_EQ(error_of(with("0 0 0.1\n", "0 nan 0.1\n")), "mesh.vtk:9: 'nan', expected a coordinate, a finite number");
     EXPECT_THAT(error_of(with("0 0 0.1\n", "0 0,1 0.1\n")), HasSubstr("mesh.vtk:9: '0,1'"));
     EXPECT_THAT(error_of(with("0 0 0.1\n", "0 inf 0.1\n")), HasSubstr("'inf'"));
 }
@@ -161,13 +153,11 @@ TEST(VtkReader, NonFiniteAndUnreadableNumbersAreNamed) {
 TEST(VtkReader, ForeignFilesAreNamed) {
     EXPECT_THAT(error_of("<?xml version=\"1.0\"?>\n"), HasSubstr("expected '# vtk DataFile Version ...'"));
     EXPECT_EQ(error_of(with("ASCII", "BINARY")), "mesh.vtk:3: 'BINARY', expected ASCII");
-    EXPECT_EQ(error_of(with("UNSTRUCTURED_GRID", "POLYDATA")),
-              "mesh.vtk:4: 'POLYDATA', expected UNSTRUCTURED_GRID");
+    EXPECT_EQ(error_of(with("UNSTRUCTURED_GRID", "POLYDATA")), "mesh.vtk:4: 'POLYDATA', expected UNSTRUCTURED_GRID");
     EXPECT_THAT(error_of(with("double", "int")), HasSubstr("points of type 'int', expected double or float"));
     EXPECT_THAT(error_of(kGood + kGood), HasSubstr("mesh.vtk:17: '#' is not a known section"));
     EXPECT_THAT(error_of(with("CELL_TYPES 2\n10\n10\n", "")), HasSubstr("no CELL_TYPES section"));
-    EXPECT_THAT(error_of(with("CELLS 2 10\n4 0 1 2 3\n4 1 2 3 4\nCELL_TYPES 2\n10\n10\n",
-                              "CELLS 0 0\nCELL_TYPES 0\n")),
+    EXPECT_THAT(error_of(with("CELLS 2 10\n4 0 1 2 3\n4 1 2 3 4\nCELL_TYPES 2\n10\n10\n", "CELLS 0 0\nCELL_TYPES 0\n")),
                 HasSubstr("mesh.vtk: no tetrahedra"));
 }
 

@@ -79,8 +79,7 @@ TEST(VtkSeries, FrameHoldsBodySpringsAndData) {
     const test::ScratchFolder scratch;
     const TetMeshData mesh = test::block_mesh({0.1, 0.03, 0.03}, {2, 1, 1});
     std::vector<double> positions;
-    for (const Point& node : mesh.nodes)
-        positions.insert(positions.end(), {node[0], node[1], node[2] + 0.001});
+    for (const Point& node : mesh.nodes) positions.insert(positions.end(), {node[0], node[1], node[2] + 0.001});
     std::vector<double> probability(mesh.nodes.size(), 0.0);
     probability[3] = 0.75;
     const std::vector<VtkSpring> springs{{3, {0.0, 0.03, 0.06}, 85.0, 0.4}};

@@ -43,5 +43,4 @@ const teres_factory* const kFactories[] = {&kFactory};
 
 extern "C" __attribute__((visibility("default"))) const teres_plugin_entry_t teres_plugin_entry;
 const teres_plugin_entry_t teres_plugin_entry = {
-    TERES_PLUGIN_MAGIC, sizeof(teres_plugin_entry_t), TERES_API_MAJOR, TERES_API_MINOR, 1, "thrower", "1",
-    kFactories};
+    TERES_PLUGIN_MAGIC, sizeof(teres_plugin_entry_t), TERES_API_MAJOR, TERES_API_MINOR, 1, "thrower", "1", kFactories};

@@ -72,7 +72,8 @@ TEST_F(CameraStreamTest, IsChosenByVendorAndProductOrByThePrintedSerial) {
 TEST_F(CameraStreamTest, CardThatIsNotOnUsbIsChosenByItsName) {
     camera_.unplug();
     camera_.gone = false;
-    const auto card = camera_.scratch() / "sys/devices/pci0/video4linux/video1", nodes = camera_.scratch() / "sys/class/video4linux";
+    const auto card = camera_.scratch() / "sys/devices/pci0/video4linux/video1",
+               nodes = camera_.scratch() / "sys/class/video4linux";
     std::filesystem::create_directories(card);
     std::ofstream(card / "name") << "Grabber 4K, input 2\n";
     std::filesystem::create_directories(nodes);
@@ -85,7 +86,8 @@ TEST_F(CameraStreamTest, AbsentCameraIsNamedWithWhatIsThere) {
     CameraStream stream = make("999");
     EXPECT_EQ(run(stream, 1.0), 0);
     EXPECT_EQ(stream.report().state, S::kAbsent);
-    EXPECT_THAT(stream.report().detail, HasSubstr("camera 999 is not connected; there are: video0 8086:0b07 serial 12"));
+    EXPECT_THAT(stream.report().detail,
+                HasSubstr("camera 999 is not connected; there are: video0 8086:0b07 serial 12"));
     camera_.unplug();
     run(stream, 0.5);
     EXPECT_THAT(stream.report().detail, HasSubstr("there is no video device"));
@@ -185,7 +187,7 @@ TEST_F(CameraStreamTest, BusyCameraIsAskedAgainButNeverReset) {
 }
 
 TEST_F(CameraStreamTest, EveryFaultyCallIsSurvivedAndNothingLeaks) {
-    const unsigned long calls[] = {VIDIOC_QUERYCAP, VIDIOC_ENUM_FMT, VIDIOC_S_FMT,   VIDIOC_S_PARM, VIDIOC_REQBUFS,
+    const unsigned long calls[] = {VIDIOC_QUERYCAP, VIDIOC_ENUM_FMT, VIDIOC_S_FMT,    VIDIOC_S_PARM, VIDIOC_REQBUFS,
                                    VIDIOC_QUERYBUF, VIDIOC_QBUF,     VIDIOC_STREAMON, VIDIOC_DQBUF};
     for (const unsigned long call : calls) {
         for (const int error : {EIO, EBUSY, EINVAL, ENODEV}) {

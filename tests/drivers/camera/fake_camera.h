@@ -33,24 +33,24 @@ class FakeCamera final : public SystemCalls {
     static constexpr std::int64_t kPeriodUs = 33'333;
 
     // Faults and properties.
-    std::uint32_t fourcc = V4L2_PIX_FMT_Z16;         ///< the only one it has
+    std::uint32_t fourcc = V4L2_PIX_FMT_Z16;  ///< the only one it has
     bool offers_mmap = true, offers_userptr = true, offers_read = true;
     std::map<unsigned long, std::deque<int>> errors;  ///< per request: errno of the next calls, 0 for none
     std::map<unsigned long, int> always;              ///< per request: errno of every call
     int open_error = 0, poll_error = 0, read_error = 0, mmap_error = 0;
-    bool silent = false;                              ///< no frames
-    bool gone = false;                                ///< every call on an open node: ENODEV
-    std::deque<std::uint32_t> sequences;              ///< of the next frames, instead of counting up
-    std::deque<std::int64_t> stamps;                  ///< of the next frames
-    std::deque<std::size_t> sizes;                    ///< of the next frames
-    std::deque<std::uint32_t> flags;                  ///< of the next frames
-    std::int64_t late_us = 0;                         ///< frames wait so long before they come
+    bool silent = false;                  ///< no frames
+    bool gone = false;                    ///< every call on an open node: ENODEV
+    std::deque<std::uint32_t> sequences;  ///< of the next frames, instead of counting up
+    std::deque<std::int64_t> stamps;      ///< of the next frames
+    std::deque<std::size_t> sizes;        ///< of the next frames
+    std::deque<std::uint32_t> flags;      ///< of the next frames
+    std::int64_t late_us = 0;             ///< frames wait so long before they come
     std::int32_t gain = 16;
     int gain_step = 1;
     bool gain_sticks = false;
     std::map<std::uint32_t, realsense::Bytes> tables;  ///< answers of the extension unit by opcode + 256 * parameter
     bool has_unit = false;
-    bool resets_help = false;                         ///< a reset ends `silent`
+    bool resets_help = false;  ///< a reset ends `silent`
     // What it saw.
     int resets = 0, restarts = 0, opens = 0, open_nodes = 0, mappings = 0;
     std::int64_t clock_us = 1'000'000'000;

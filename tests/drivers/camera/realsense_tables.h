@@ -40,7 +40,7 @@ class TableWriter {
 
 inline realsense::Bytes depth_table() {
     return TableWriter(25, 512)
-        .floats(160, {-50.03f})                                 // baseline [mm]
+        .floats(160, {-50.03f})                                  // baseline [mm]
         .floats(256 + 2 * 16, {386.5f, 386.7f, 321.2f, 239.4f})  // 640x480
         .done();
 }

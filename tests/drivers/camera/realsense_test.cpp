@@ -57,9 +57,11 @@ TEST(RealSense, DepthTableGivesTheCameraOfTheSize) {
     EXPECT_FLOAT_EQ(static_cast<float>(model->fy_px), 386.7f);
     EXPECT_FLOAT_EQ(static_cast<float>(model->cx_px), 321.2f);
     EXPECT_NEAR(*realsense::parse_baseline_m(test::depth_table()), 0.05003, 1e-7);
-    EXPECT_THAT(realsense::parse_depth_table(test::depth_table(), 641, 480).error().text, HasSubstr("no entry for 641x480"));
+    EXPECT_THAT(realsense::parse_depth_table(test::depth_table(), 641, 480).error().text,
+                HasSubstr("no entry for 641x480"));
     EXPECT_THAT(realsense::parse_depth_table(test::depth_table(), 848, 480).error().text, HasSubstr("is no camera"));
-    EXPECT_THAT(realsense::parse_depth_table(test::color_table(), 640, 480).error().text, HasSubstr("bytes, needs 512"));
+    EXPECT_THAT(realsense::parse_depth_table(test::color_table(), 640, 480).error().text,
+                HasSubstr("bytes, needs 512"));
 }
 
 TEST(RealSense, TableWithPaddingBehindItIsReadByItsAnnouncedSize) {

@@ -13,7 +13,9 @@ using test::FakeCamera;
 using testing::HasSubstr;
 using Outcome = V4l2Device::Outcome;
 
-CaptureRequest depth_request() { return {V4L2_PIX_FMT_Z16, 640, 480, 30.0}; }
+CaptureRequest depth_request() {
+    return {V4L2_PIX_FMT_Z16, 640, 480, 30.0};
+}
 
 V4l2Device started(FakeCamera& camera, const CaptureRequest& request = depth_request()) {
     auto device = V4l2Device::open(camera, camera.node(), request);
@@ -21,7 +23,9 @@ V4l2Device started(FakeCamera& camera, const CaptureRequest& request = depth_req
     return std::move(*device);
 }
 
-Outcome next(V4l2Device& device, Frame& frame) { return device.next(frame, 100); }
+Outcome next(V4l2Device& device, Frame& frame) {
+    return device.next(frame, 100);
+}
 
 struct Way {
     bool mmap, userptr, read;
@@ -180,7 +184,8 @@ TEST(V4l2Device, BrokenPollAndReadAreToldApart) {
     by_read.offers_mmap = by_read.offers_userptr = false;
     V4l2Device reader = started(by_read);
     ASSERT_TRUE(reader.start());
-    for (const auto& [error, outcome] : {std::pair{EAGAIN, Outcome::kNone}, {EIO, Outcome::kFailed}, {ENODEV, Outcome::kGone}}) {
+    for (const auto& [error, outcome] :
+         {std::pair{EAGAIN, Outcome::kNone}, {EIO, Outcome::kFailed}, {ENODEV, Outcome::kGone}}) {
         by_read.read_error = error;
         EXPECT_EQ(next(reader, frame), outcome) << error;
     }

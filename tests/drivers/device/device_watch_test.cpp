@@ -38,13 +38,12 @@ TEST(DeviceWatch, SilenceGoesFromStaleThroughEveryStepToAdvice) {
     EXPECT_EQ(watch.state(), State::kStreaming);
     EXPECT_TRUE(steps(watch, 250, 1240).empty());
     EXPECT_EQ(watch.state(), State::kStale);
-    EXPECT_EQ(steps(watch, 1250, 12000),
-              (std::vector<Timed>{{1250, Step::kRestartStream},
-                                  {2250, Step::kReopen},
-                                  {3250, Step::kReset},
-                                  {4250, Step::kAdvisePowerCycle},
-                                  {7250, Step::kReopen},
-                                  {10250, Step::kReset}}));
+    EXPECT_EQ(steps(watch, 1250, 12000), (std::vector<Timed>{{1250, Step::kRestartStream},
+                                                             {2250, Step::kReopen},
+                                                             {3250, Step::kReset},
+                                                             {4250, Step::kAdvisePowerCycle},
+                                                             {7250, Step::kReopen},
+                                                             {10250, Step::kReset}}));
     EXPECT_EQ(watch.state(), State::kRecovering);
 }
 

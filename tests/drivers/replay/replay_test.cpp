@@ -255,9 +255,8 @@ TEST_F(ReplayTest, LogKeepsBytesAndOrderOfEveryChannel) {
     const auto file = folder() / "a.lcmlog";
     std::vector<Recorded> messages;
     for (int i = 0; i < 30; ++i) {
-        messages.push_back({"CAMERA_COLOR",
-                            Bytes(static_cast<std::size_t>(i * 1000), static_cast<std::uint8_t>(i)),
-                            1000 * i});
+        messages.push_back(
+            {"CAMERA_COLOR", Bytes(static_cast<std::size_t>(i * 1000), static_cast<std::uint8_t>(i)), 1000 * i});
         messages.push_back(marker_message(1000 * i, i, 1000 * i + 1));
         messages.push_back({"SOMEBODYS", Bytes(3, 9), 1000 * i + 2});
     }
@@ -274,10 +273,9 @@ TEST_F(ReplayTest, LogKeepsBytesAndOrderOfEveryChannel) {
 
 TEST_F(ReplayTest, LogLeavesOutWhatThePluginsPublishThemselves) {
     const auto file = folder() / "a.lcmlog";
-    record(file, {marker_message(0, 0, 0),
-                  {"BOUNDARY_ESTIMATE", Bytes(8), 1},
-                  {"HEALTH", Bytes(8), 2},
-                  {"PEDAL", Bytes(8), 3}});
+    record(
+        file,
+        {marker_message(0, 0, 0), {"BOUNDARY_ESTIMATE", Bytes(8), 1}, {"HEALTH", Bytes(8), 2}, {"PEDAL", Bytes(8), 3}});
     FakeHost host;
     play(host, {{"log", file}});
     ASSERT_EQ(host.published.size(), 2u);
@@ -290,8 +288,7 @@ TEST_F(ReplayTest, LogLeavesOutWhatThePluginsPublishThemselves) {
 
 TEST_F(ReplayTest, TimeGoingBackwardsIsPlayedAndReported) {
     const auto file = folder() / "a.lcmlog";
-    record(file, {marker_message(0, 0, 2'000'000), marker_message(1, 1, 1'000'000),
-                  marker_message(2, 2, 1'000'100)});
+    record(file, {marker_message(0, 0, 2'000'000), marker_message(1, 1, 1'000'000), marker_message(2, 2, 1'000'100)});
     FakeHost host;
     play(host, {{"log", file}, {"speed", "1"}}, 1'000'000'000);
     EXPECT_EQ(host.published.size(), 3u);
@@ -306,8 +303,7 @@ TEST_F(ReplayTest, CutLogIsPlayedToTheCutAndReported) {
     FakeHost host;
     play(host, {{"log", file}});
     EXPECT_EQ(host.published.size(), 1u);
-    EXPECT_NE(host.log_text.find("cut off at byte " + std::to_string(size / 2)), std::string::npos)
-        << host.log_text;
+    EXPECT_NE(host.log_text.find("cut off at byte " + std::to_string(size / 2)), std::string::npos) << host.log_text;
 }
 
 TEST_F(ReplayTest, LoopedLogGoesOnInTimeAndNumber) {
@@ -330,8 +326,7 @@ TEST_F(ReplayTest, StreamOfACaseReplacesItsObservations) {
     c.stream = "session.lcmlog";
     c.observations.clear();
     const auto at = write(c);
-    record(at / "session.lcmlog",
-           {marker_message(20'000, 0, 5'000'000), marker_message(60'000, 1, 5'040'000)});
+    record(at / "session.lcmlog", {marker_message(20'000, 0, 5'000'000), marker_message(60'000, 1, 5'040'000)});
     FakeHost host;
     play(host, {{"case", at}});
     ASSERT_EQ(host.published.size(), 4u);

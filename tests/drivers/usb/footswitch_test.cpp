@@ -148,7 +148,8 @@ TEST_F(FootswitchTest, WithoutPermissionTheRemedyIsSaid) {
 
 TEST(UsbId, IsTwoHexadecimalNumbers) {
     EXPECT_EQ(parse_usb_id("05f3:00ff")->product, 0xff);
-    for (const char* bad : {"", "05f3", "05f3:", ":00ff", "05f3:100ff", "x:1", "1:2 "}) EXPECT_FALSE(parse_usb_id(bad)) << bad;
+    for (const char* bad : {"", "05f3", "05f3:", ":00ff", "05f3:100ff", "x:1", "1:2 "})
+        EXPECT_FALSE(parse_usb_id(bad)) << bad;
 }
 
 }  // namespace

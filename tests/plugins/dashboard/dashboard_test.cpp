@@ -127,7 +127,8 @@ TEST_F(Dashboard, StrangersStayOutside) {
     EXPECT_EQ(client.Get("/state", {{"Cookie", "a=b; teres=secret; c=d"}})->status, 200);
     EXPECT_EQ(client.Get("/state", {{"Cookie", "teres=secrets"}})->status, 403);
     const auto open = serve();
-    EXPECT_EQ(httplib::Client("127.0.0.1", open->port()).Get("/state", {{"Host", "evil.example:80"}})->status, 403) << "rebound name";
+    EXPECT_EQ(httplib::Client("127.0.0.1", open->port()).Get("/state", {{"Host", "evil.example:80"}})->status, 403)
+        << "rebound name";
 }
 
 int count(const cv::Mat& picture, bool (*is)(const cv::Vec3b&)) {
@@ -139,7 +140,8 @@ int count(const cv::Mat& picture, bool (*is)(const cv::Vec3b&)) {
 
 // The page in a real browser: its script fills the tables, draws map and curves, shows the image, and the map turns.
 TEST_F(Dashboard, PageIsDrawnAndAnswersTheMouse) {
-    if (!test::Browser::installed()) GTEST_SKIP() << "SKIPPED LOUDLY: no " << test::Browser::kProgram << " (apt install chromium)";
+    if (!test::Browser::installed())
+        GTEST_SKIP() << "SKIPPED LOUDLY: no " << test::Browser::kProgram << " (apt install chromium)";
     const auto server = serve();
     test::Browser browser("http://127.0.0.1:" + std::to_string(server->port()) + "/", 1400, 1150);
     ASSERT_TRUE(browser.wait_until("mesh && state && document.getElementById('view').naturalWidth > 0"));
@@ -153,13 +155,17 @@ TEST_F(Dashboard, PageIsDrawnAndAnswersTheMouse) {
     };
     const cv::Mat before = picture("dashboard.png");
     ASSERT_FALSE(before.empty());
-    EXPECT_GT(count(before, [](const cv::Vec3b& p) { return p[1] > 170 && p[0] < 60 && p[2] < 60; }), 10000) << "the image";
-    EXPECT_GT(count(before, [](const cv::Vec3b& p) { return p[2] > 110 && p[1] < 80 && p[0] < 80; }), 300) << "attached part of the map";
+    EXPECT_GT(count(before, [](const cv::Vec3b& p) { return p[1] > 170 && p[0] < 60 && p[2] < 60; }), 10000)
+        << "the image";
+    EXPECT_GT(count(before, [](const cv::Vec3b& p) { return p[2] > 110 && p[1] < 80 && p[0] < 80; }), 300)
+        << "attached part of the map";
     EXPECT_GT(count(before, [](const cv::Vec3b& p) { return p[0] > 220 && p[2] < 100; }), 100) << "first curve";
 
     // The same curves on a linear axis, and back.
-    EXPECT_EQ(browser.evaluate("(() => { const c = document.getElementById('curves'), log = c.toDataURL(); document.getElementById('log_axis').click();"
-                               "drawCurves(state); const linear = c.toDataURL(); document.getElementById('log_axis').click(); drawCurves(state);"
+    EXPECT_EQ(browser.evaluate("(() => { const c = document.getElementById('curves'), log = c.toDataURL(); "
+                               "document.getElementById('log_axis').click();"
+                               "drawCurves(state); const linear = c.toDataURL(); "
+                               "document.getElementById('log_axis').click(); drawCurves(state);"
                                "return [log === linear, c.toDataURL() === log]; })()"),
               json::array({false, true}));
 
@@ -167,12 +173,17 @@ TEST_F(Dashboard, PageIsDrawnAndAnswersTheMouse) {
     const auto red_side = [&](const char* name) {
         picture(name);
         return browser.evaluate(
-            "(() => { const c = document.getElementById('map'), d = c.getContext('2d').getImageData(0, 0, c.width, 440).data; let sum = 0, n = 0;"
-            "for (let i = 0; i < d.length; i += 4) if (d[i] > 110 && d[i + 1] < 80 && d[i + 2] < 80) { sum += (i / 4) % c.width; n++; }"
+            "(() => { const c = document.getElementById('map'), d = c.getContext('2d').getImageData(0, 0, c.width, "
+            "440).data; let sum = 0, n = 0;"
+            "for (let i = 0; i < d.length; i += 4) if (d[i] > 110 && d[i + 1] < 80 && d[i + 2] < 80) { sum += (i / 4) "
+            "% c.width; n++; }"
             "return n ? sum / n / c.width : null; })()");
     };
-    const json box = browser.evaluate("(() => { const r = document.getElementById('map').getBoundingClientRect(); return [r.left, r.top, r.width, r.height]; })()");
-    const double u = box[0].get<double>() + 0.2 * box[2].get<double>(), v = box[1].get<double>() + 0.5 * box[3].get<double>();
+    const json box = browser.evaluate(
+        "(() => { const r = document.getElementById('map').getBoundingClientRect(); return [r.left, r.top, r.width, "
+        "r.height]; })()");
+    const double u = box[0].get<double>() + 0.2 * box[2].get<double>(),
+                 v = box[1].get<double>() + 0.5 * box[3].get<double>();
     const json left = red_side("dashboard.png");
     browser.drag(u, v, u + 120.0 * 3.14, v);
     const json right = red_side("dashboard-turned.png");
@@ -182,7 +193,8 @@ TEST_F(Dashboard, PageIsDrawnAndAnswersTheMouse) {
 }
 
 TEST_F(Dashboard, PageSaysWhenNothingComesAnyMore) {
-    if (!test::Browser::installed()) GTEST_SKIP() << "SKIPPED LOUDLY: no " << test::Browser::kProgram << " (apt install chromium)";
+    if (!test::Browser::installed())
+        GTEST_SKIP() << "SKIPPED LOUDLY: no " << test::Browser::kProgram << " (apt install chromium)";
     auto server = serve();
     test::Browser browser("http://127.0.0.1:" + std::to_string(server->port()) + "/", 1000, 800);
     ASSERT_TRUE(browser.wait_until("state"));

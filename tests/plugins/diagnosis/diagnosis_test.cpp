@@ -20,8 +20,8 @@ struct Scene {
     std::vector<double> observed;
 
     // Effects: index in the toy's own catalogues.
-    explicit Scene(std::vector<EffectInstance> mechanical, std::vector<EffectInstance> sensor = {}, double noise = kNoise,
-                   unsigned seed = 1) {
+    explicit Scene(std::vector<EffectInstance> mechanical, std::vector<EffectInstance> sensor = {},
+                   double noise = kNoise, unsigned seed = 1) {
         const std::vector<double> theta{38.0, 70.0};
         const auto truth = body.motion({theta, mechanical}, 1.02);
         observed.resize(truth.size());
@@ -133,7 +133,9 @@ TEST(Diagnosis, StiffnessSensorAndNoiseAreTold) {
         const auto d = scene.run();
         ASSERT_TRUE(d);
         EXPECT_EQ(scene.names(*d), Names{"marker_slip"}) << listing(*d, *scene.effects);
-        EXPECT_EQ(std::max_element(d->where.marker_share.begin(), d->where.marker_share.end()) - d->where.marker_share.begin(), 7);
+        EXPECT_EQ(std::max_element(d->where.marker_share.begin(), d->where.marker_share.end()) -
+                      d->where.marker_share.begin(),
+                  7);
     }
     {
         Scene scene({}, {}, 4.0 * kNoise);

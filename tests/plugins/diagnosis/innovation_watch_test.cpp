@@ -25,7 +25,8 @@ struct Stream {
                 double& e = memory[3 * m + a];
                 const double noise = heavy_tail ? student(generator) / std::sqrt(2.0) : normal(generator);
                 e = phi * e + std::sqrt(1.0 - phi * phi) * noise;
-                frame[m].d_m[a] = kSigma * (1.7 * e + 0.8 + shift(m, a));  // a filter that is too sure, and a standing bias
+                frame[m].d_m[a] =
+                    kSigma * (1.7 * e + 0.8 + shift(m, a));  // a filter that is too sure, and a standing bias
             }
         }
         return frame;
@@ -38,7 +39,9 @@ struct Stream {
     std::student_t_distribution<double> student{4.0};
 };
 
-std::int64_t stamp(int frame) { return std::llround(1e6 * frame / kRate); }
+std::int64_t stamp(int frame) {
+    return std::llround(1e6 * frame / kRate);
+}
 
 // Alarms (rising edges) in so many hours without any shift.
 int false_alarms(Stream stream, double hours) {
@@ -70,9 +73,8 @@ Event event(unsigned seed, const std::function<double(std::size_t, std::size_t)>
     InnovationWatch watch(kMarkers, {});
     constexpr int kOnset = 900;
     for (int f = 0; f < kOnset + 90; ++f) {
-        const auto& state = watch.update(stamp(f), stream.next([&](std::size_t m, std::size_t a) {
-            return f >= kOnset ? shift(m, a) : 0.0;
-        }));
+        const auto& state = watch.update(
+            stamp(f), stream.next([&](std::size_t m, std::size_t a) { return f >= kOnset ? shift(m, a) : 0.0; }));
         if (!state.alarm || f < kOnset) continue;
         const auto most = std::max_element(state.marker_statistic.begin(), state.marker_statistic.end());
         return {(f - kOnset + 1) / kRate, state.kind, 1e-6 * static_cast<double>(state.onset_us - stamp(kOnset)),

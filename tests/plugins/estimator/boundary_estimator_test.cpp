@@ -89,8 +89,7 @@ TEST(BoundaryEstimator, FindsStiffnessesWithinThreeSigma) {
                 EXPECT_EQ(e.step(recording.frame(), recording.loads()), FrameOutcome::kCorrected);
             }
             for (Eigen::Index i = 0; i < 2; ++i) {
-                EXPECT_LT(std::abs(e.theta()(i) - std::log(truth[static_cast<std::size_t>(i)])),
-                          3.0 * stdev(e, i));
+                EXPECT_LT(std::abs(e.theta()(i) - std::log(truth[static_cast<std::size_t>(i)])), 3.0 * stdev(e, i));
                 EXPECT_LT(stdev(e, i), 0.2);
                 EXPECT_GT(e.observability()(i), 0.9);
             }

@@ -87,8 +87,8 @@ struct Recording {
                 my[m] = z[3 * m + 1] + noise(random);
                 mz[m] = z[3 * m + 2] + noise(random);
             }
-            const FrameOutcome outcome = estimator.step(
-                {static_cast<std::int64_t>(1e6 * t) + 1, id, mx, my, mz, sigma}, {t, kStep, force, {}});
+            const FrameOutcome outcome =
+                estimator.step({static_cast<std::int64_t>(1e6 * t) + 1, id, mx, my, mz, sigma}, {t, kStep, force, {}});
             not_solved += outcome == FrameOutcome::kNotSolved;
             rms.push_back(std::sqrt(estimator.residual().squaredNorm() / static_cast<double>(3 * id.size())));
         }
@@ -119,7 +119,8 @@ TEST_P(CutRecovery, EstimateGoesOnAfterReleaseAndCut) {
         const double stdev = std::sqrt(e.covariance()(p, p));
         EXPECT_GT(stdev, 1e-3);
         if (p == kReleased) continue;
-        EXPECT_LT(std::abs(e.theta()(p) - std::log(told.theta[static_cast<std::size_t>(p)])), 3.0 * stdev) << "parameter " << p;
+        EXPECT_LT(std::abs(e.theta()(p) - std::log(told.theta[static_cast<std::size_t>(p)])), 3.0 * stdev)
+            << "parameter " << p;
         EXPECT_GT(e.observability()(p), 0.5) << "parameter " << p;
     }
     std::vector<double> probability;

@@ -49,8 +49,7 @@ struct KalmanFilter {
         P = A * P * A.transpose() + Q;
     }
     // Joseph form. Rows whose z is NaN are left out. Returns the NIS.
-    double correct(const Eigen::VectorXd& z, const Eigen::MatrixXd& H,
-                   const Eigen::VectorXd& noise_variance) {
+    double correct(const Eigen::VectorXd& z, const Eigen::MatrixXd& H, const Eigen::VectorXd& noise_variance) {
         std::vector<Eigen::Index> rows;
         for (Eigen::Index i = 0; i < z.size(); ++i)
             if (!std::isnan(z(i))) rows.push_back(i);

@@ -24,12 +24,11 @@ Frame consistent_frame(Eigen::Index markers, unsigned seed, double spread_m = 1e
     std::mt19937 engine(seed);
     std::normal_distribution<double> normal;
     Frame frame;
-    frame.innovation.deviations =
-        spread_m * MatrixXd::NullaryExpr(3 * markers, 2, [&] { return normal(engine); });
+    frame.innovation.deviations = spread_m * MatrixXd::NullaryExpr(3 * markers, 2, [&] { return normal(engine); });
     frame.noise = VectorXd::Constant(3 * markers, 1e-6);
     const VectorXd w = VectorXd::NullaryExpr(2, [&] { return normal(engine); });
-    frame.innovation.residual = frame.innovation.deviations * w +
-                                1e-3 * VectorXd::NullaryExpr(3 * markers, [&] { return normal(engine); });
+    frame.innovation.residual =
+        frame.innovation.deviations * w + 1e-3 * VectorXd::NullaryExpr(3 * markers, [&] { return normal(engine); });
     frame.present.assign(static_cast<std::size_t>(markers), 1);
     return frame;
 }

@@ -31,8 +31,7 @@ TEST(ParameterMap, TransformsAreInverses) {
         one({.transform = Transform::kSigmoid, .median = 5.0, .stdev = 1.0, .lower = 1.0, .upper = 90.0}),
         one({.transform = Transform::kLog, .median = 5.0, .stdev = 1.0})};
     for (const ParameterMap& map : maps)
-        for (double v : {1.5, 5.0, 42.0, 80.0})
-            EXPECT_NEAR(map.to_physical(0, map.to_filter(0, v)), v, 1e-12 * v);
+        for (double v : {1.5, 5.0, 42.0, 80.0}) EXPECT_NEAR(map.to_physical(0, map.to_filter(0, v)), v, 1e-12 * v);
 }
 
 TEST(ParameterMap, PriorKeepsTheMedianAndTheSpread) {
@@ -57,10 +56,8 @@ TEST(ParameterMap, PriorKeepsTheMedianAndTheSpread) {
     // The same prior through `none` and `project` keeps its standard deviation, also when it was stated as
     // log-normal.
     EXPECT_EQ(one({.transform = Transform::kNone, .median = 200.0, .stdev = 60.0}).prior_stdev()(0), 60.0);
-    const ParameterMap projected = one({.transform = Transform::kProject,
-                                        .median = 200.0,
-                                        .log_stdev = stated.prior_stdev()(0),
-                                        .lower = 0.0});
+    const ParameterMap projected =
+        one({.transform = Transform::kProject, .median = 200.0, .log_stdev = stated.prior_stdev()(0), .lower = 0.0});
     EXPECT_NEAR(projected.prior_stdev()(0), 60.0, 1e-9);
 }
 
@@ -78,8 +75,8 @@ TEST(ParameterMap, BoundsActOnTheWayToTheModel) {
         one({.transform = Transform::kLog, .median = 10.0, .log_stdev = 1.0, .lower = 1.0, .upper = 100.0});
     EXPECT_EQ(map.to_physical(0, 50.0), 100.0);
     EXPECT_EQ(map.to_physical(0, -50.0), 1.0);
-    EXPECT_TRUE(std::isfinite(
-        one({.transform = Transform::kLog, .median = 1.0, .log_stdev = 1.0}).to_physical(0, 1e9)));
+    EXPECT_TRUE(
+        std::isfinite(one({.transform = Transform::kLog, .median = 1.0, .log_stdev = 1.0}).to_physical(0, 1e9)));
     VectorXd mean(1);
     mean << std::log(1000.0);
     EXPECT_NEAR(map.bring_mean_inside(mean)(0), std::log(0.1), 1e-12);
@@ -94,8 +91,7 @@ TEST(ParameterMap, ReadBackFollowsThePeersConvention) {
     clamped << 1.0, 3.0, 100.0;
     absolute << 5.0, 3.0, 200.0;
     EXPECT_EQ(
-        one({.transform = Transform::kProject, .median = 2.0, .stdev = 1.0, .lower = 1.0, .upper = 100.0})
-            .read_back(Y),
+        one({.transform = Transform::kProject, .median = 2.0, .stdev = 1.0, .lower = 1.0, .upper = 100.0}).read_back(Y),
         clamped);
     EXPECT_EQ(one({.transform = Transform::kAbsolute, .median = 2.0, .stdev = 1.0}).read_back(Y), absolute);
     EXPECT_EQ(one({.transform = Transform::kLog, .median = 2.0, .stdev = 1.0}).read_back(Y), Y);
@@ -104,24 +100,21 @@ TEST(ParameterMap, ReadBackFollowsThePeersConvention) {
 // A spring observed through its force k * 0.1 m. The truth sits below the lower bound until the estimate lies
 // on it, then moves away: the estimate must follow, and the variance must never vanish.
 TEST(ParameterMap, ParameterAtItsBoundIsNeverFrozen) {
-    for (const ParameterSpec& spec : {ParameterSpec{.name = "k",
-                                     .transform = Transform::kProject,
-                                     .median = 200.0,
-                                     .stdev = 40.0,
-                                     .lower = 8.0,
-                                     .upper = 1e5},
-                                      ParameterSpec{.name = "k",
-                                      .transform = Transform::kLog,
-                                      .median = 200.0,
-                                      .stdev = 40.0,
-                                      .lower = 8.0,
-                                      .upper = 1e5},
-                                      ParameterSpec{.name = "k",
-                                      .transform = Transform::kSigmoid,
-                                      .median = 200.0,
-                                      .stdev = 40.0,
-                                      .lower = 8.0,
-                                      .upper = 1e3}}) {
+    for (const ParameterSpec& spec :
+         {ParameterSpec{.name = "k",
+         .transform = Transform::kProject,
+         .median = 200.0,
+         .stdev = 40.0,
+         .lower = 8.0,
+         .upper = 1e5},
+          ParameterSpec{
+              .name = "k", .transform = Transform::kLog, .median = 200.0, .stdev = 40.0, .lower = 8.0, .upper = 1e5},
+          ParameterSpec{.name = "k",
+          .transform = Transform::kSigmoid,
+          .median = 200.0,
+          .stdev = 40.0,
+          .lower = 8.0,
+          .upper = 1e3}}) {
         const ParameterMap map = ParameterMap::make({spec}).value();
         RoUkf filter(VectorXd(0), map.prior_mean(), map.prior_covariance());
         const VectorXd Q = VectorXd::Constant(1, std::pow(0.1 * map.prior_stdev()(0), 2));
@@ -149,22 +142,17 @@ TEST(ParameterMap, RejectsBadPriors) {
         const auto map = ParameterMap::make({spec});
         return map ? std::string("accepted") : map.error().text;
     };
-    EXPECT_THAT(error({.median = std::nan("")}),
-                testing::HasSubstr("ligament.r3: prior median nan is not finite"));
+    EXPECT_THAT(error({.median = std::nan("")}), testing::HasSubstr("ligament.r3: prior median nan is not finite"));
     EXPECT_THAT(error({.median = 1.0}), testing::HasSubstr("no spread"));
     EXPECT_THAT(error({.median = -1.0, .stdev = 1.0}), testing::HasSubstr("-1 must be > 0"));
     EXPECT_THAT(error({.median = 1.0, .stdev = 1.0, .lower = 2.0, .upper = 3.0}),
                 testing::HasSubstr("outside its bounds [2, 3]"));
     EXPECT_THAT(error({.median = 1.0, .stdev = 1.0, .lower = 3.0, .upper = 2.0}),
                 testing::HasSubstr("[3, 2] are empty"));
-    EXPECT_THAT(error({.transform = Transform::kSigmoid,
-                       .median = 1.0,
-                       .stdev = 1.0,
-                       .lower = 0.0,
-                       .upper = kInfinity}),
-                testing::HasSubstr("finite bounds"));
-    EXPECT_THAT(error({.median = 1.0, .log_stdev = -0.5}),
-                testing::HasSubstr("-0.5 must be finite and >= 0"));
+    EXPECT_THAT(
+        error({.transform = Transform::kSigmoid, .median = 1.0, .stdev = 1.0, .lower = 0.0, .upper = kInfinity}),
+        testing::HasSubstr("finite bounds"));
+    EXPECT_THAT(error({.median = 1.0, .log_stdev = -0.5}), testing::HasSubstr("-0.5 must be finite and >= 0"));
     EXPECT_FALSE(ParameterMap::make({}).has_value());
     EXPECT_THAT(parse_transform("square").error().text, testing::HasSubstr("'square' is not one of"));
 }

@@ -26,8 +26,7 @@ TEST(ParameterWalk, RandomWalkGrowsWithTimeInUnitsOfThePrior) {
 }
 
 TEST(ParameterWalk, NothingGrowsBeyondThePrior) {
-    const ParameterWalk walk({.noise_per_sqrt_s = 5.0, .forgetting_time_s = 0.1, .reinflation = 3.0},
-                             vector(1.0, 1.0));
+    const ParameterWalk walk({.noise_per_sqrt_s = 5.0, .forgetting_time_s = 0.1, .reinflation = 3.0}, vector(1.0, 1.0));
     const VectorXd P = vector(0.2, 1.0);
     const auto change = walk.over(10.0, P, true);
     for (Eigen::Index i = 0; i < 2; ++i)

@@ -20,14 +20,12 @@ TEST(Probability, MatchesPrintedTables) {
 
 // With two degrees of freedom chi-square is exponential: 1 - exp(-x/2).
 TEST(Probability, ChiSquareOfTwoIsExponential) {
-    for (double x : {0.01, 0.5, 2.0, 7.0, 40.0})
-        EXPECT_NEAR(chi_square_cdf(x, 2.0), 1.0 - std::exp(-0.5 * x), 1e-14);
+    for (double x : {0.01, 0.5, 2.0, 7.0, 40.0}) EXPECT_NEAR(chi_square_cdf(x, 2.0), 1.0 - std::exp(-0.5 * x), 1e-14);
 }
 
 TEST(Probability, QuantilesInvertTheDistribution) {
     for (double k : {1.0, 3.0, 120.0, 5000.0})
-        for (double p : {1e-4, 0.3, 0.9, 0.9999})
-            EXPECT_NEAR(chi_square_cdf(chi_square_quantile(p, k), k), p, 1e-11);
+        for (double p : {1e-4, 0.3, 0.9, 0.9999}) EXPECT_NEAR(chi_square_cdf(chi_square_quantile(p, k), k), p, 1e-11);
     for (double p : {1e-6, 0.2, 0.5, 0.8}) EXPECT_NEAR(normal_cdf(probit(p)), p, 1e-14);
 }
 

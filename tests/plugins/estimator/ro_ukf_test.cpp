@@ -103,10 +103,8 @@ TEST(RoUkf, ReproducesPeersFirstRowFromPriorAlone) {
     const ParameterMap map = ParameterMap::make(specs).value();
     RoUkf filter(VectorXd(0), map.prior_mean(), map.prior_covariance());
     filter.predict(map.read_back(filter.sigma_points()));
-    const double expected[] = {1124.55748629, 1165.90457331, 1613.19687489,
-                               1195.36073581, 1202.33208825, 1635.7980361};
-    for (Index i = 0; i < 6; ++i)
-        EXPECT_NEAR(filter.theta()(i), expected[i], 5e-8) << i;  // last printed digit
+    const double expected[] = {1124.55748629, 1165.90457331, 1613.19687489, 1195.36073581, 1202.33208825, 1635.7980361};
+    for (Index i = 0; i < 6; ++i) EXPECT_NEAR(filter.theta()(i), expected[i], 5e-8) << i;  // last printed digit
     EXPECT_NEAR(filter.covariance()(0, 0), 627096.404814, 5e-6);
 }
 

@@ -41,8 +41,7 @@ TEST(SigmaPoints, SimplexPointsAreEquallyFarFromTheMeanAndFromEachOther) {
     const MatrixXd I = make_sigma_points(SigmaPointKind::kSimplex, 5).unit;
     for (Eigen::Index i = 0; i < I.cols(); ++i) {
         EXPECT_NEAR(I.col(i).norm(), std::sqrt(5.0), 1e-13);
-        for (Eigen::Index j = 0; j < i; ++j)
-            EXPECT_NEAR((I.col(i) - I.col(j)).norm(), std::sqrt(12.0), 1e-13);
+        for (Eigen::Index j = 0; j < i; ++j) EXPECT_NEAR((I.col(i) - I.col(j)).norm(), std::sqrt(12.0), 1e-13);
     }
 }
 

@@ -56,8 +56,9 @@ TEST(StepMemory, NothingThatGrowsWithTheMeshAfterWarmUp) {
         const double t = f / 30.0, force[3] = {0.02, 0.0, -0.1 - 0.05 * std::sin(t)};
         const std::size_t calls = g_calls;
         g_largest = 0;
-        ASSERT_EQ(estimator.step({static_cast<std::int64_t>(1e6 * t) + 1, id, mx, my, mz, sigma}, {t, 1.0 / 30.0, force, {}}),
-                  FrameOutcome::kCorrected);
+        ASSERT_EQ(
+            estimator.step({static_cast<std::int64_t>(1e6 * t) + 1, id, mx, my, mz, sigma}, {t, 1.0 / 30.0, force, {}}),
+            FrameOutcome::kCorrected);
         const std::size_t largest = g_largest, count = g_calls - calls;
         if (f < 20 || estimator.report().factorisations > 0) continue;
         ++quiet_frames;

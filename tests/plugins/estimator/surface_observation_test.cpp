@@ -26,7 +26,13 @@ struct Points {
     std::vector<double> x, y, z, sigma, rest_x, rest_y, rest_z;
     void add(const Vector3d& p, double s, std::int32_t feature = -1, const Vector3d& rest = Vector3d::Constant(kNaN)) {
         id.push_back(feature);
-        for (auto [to, value] : {std::pair{&x, p.x()}, {&y, p.y()}, {&z, p.z()}, {&sigma, s}, {&rest_x, rest.x()}, {&rest_y, rest.y()}, {&rest_z, rest.z()}})
+        for (auto [to, value] : {std::pair{&x, p.x()},
+                                 {&y, p.y()},
+                                 {&z, p.z()},
+                                 {&sigma, s},
+                                 {&rest_x, rest.x()},
+                                 {&rest_y, rest.y()},
+                                 {&rest_z, rest.z()}})
             to->push_back(value);
     }
     SurfaceFrame frame() const { return {id, x, y, z, sigma, rest_x, rest_y, rest_z}; }
@@ -42,18 +48,19 @@ VectorXd positions(const Case& c) {
 // A block of 0.1 x 0.03 x 0.03 m, shifted by d (mean of the lanes), lane k by d + k e about it.
 TEST(SurfaceObservation, IsDistanceAlongTheNormalAndWholePositionForFeatures) {
     const Case c = test::clamped_block();
-    SurfaceObservation surface(c.mesh, {.gate_m = 0.005, .correlated_points = 4.0, .relative_model_error = 0.1, .model_error_sigma_m = 3e-4});
+    SurfaceObservation surface(
+        c.mesh, {.gate_m = 0.005, .correlated_points = 4.0, .relative_model_error = 0.1, .model_error_sigma_m = 3e-4});
     const Vector3d d(0.001, -0.002, 0.0015), e(2e-4, 1e-4, -3e-4);
     const VectorXd rest = positions(c);
     MatrixXd lanes(rest.size(), 3);
     for (int k = 0; k < 3; ++k) lanes.col(k) = rest + (d + (k - 1) * e).replicate(rest.size() / 3, 1);
     Points points;
-    points.add(Vector3d(0.047, 0.013, 0.0303) + d, 4e-4);                            // 0.3 mm above the upper face
-    points.add(Vector3d(0.052, 0.0297, 0.011) + d, 4e-4);                            // 0.3 mm below the side face
-    points.add(Vector3d(0.05, 0.015, 0.036) + d, 4e-4);                              // beyond the gate
+    points.add(Vector3d(0.047, 0.013, 0.0303) + d, 4e-4);  // 0.3 mm above the upper face
+    points.add(Vector3d(0.052, 0.0297, 0.011) + d, 4e-4);  // 0.3 mm below the side face
+    points.add(Vector3d(0.05, 0.015, 0.036) + d, 4e-4);    // beyond the gate
     points.add({kNaN, 0.0, 0.0}, 4e-4);
-    points.add(Vector3d(0.033, 0.008, 0.0305) + d, 2e-4, 7, {0.033, 0.008, 0.03});   // known point of the upper face
-    points.add(Vector3d(0.033, 0.008, 0.0305) + d, 2e-4, 8);                         // a feature without rest position
+    points.add(Vector3d(0.033, 0.008, 0.0305) + d, 2e-4, 7, {0.033, 0.008, 0.03});  // known point of the upper face
+    points.add(Vector3d(0.033, 0.008, 0.0305) + d, 2e-4, 8);                        // a feature without rest position
     surface.look(points.frame(), lanes);
     ASSERT_EQ(surface.num_rows(), 5u);
     const VectorXd off = surface.z() - surface.Z().col(1);
@@ -102,9 +109,11 @@ Outcome run(bool with_markers, bool with_surface) {
     options.relative_model_error = options.model_error_sigma_m = 0.0;
     auto estimator = BoundaryEstimator::make(*model, options).value();
     if (with_surface)
-        estimator.observe_surface(SurfaceObservation(c.mesh, {.correlated_points = 1.0, .relative_model_error = 0.0, .model_error_sigma_m = 0.0}));
+        estimator.observe_surface(SurfaceObservation(
+            c.mesh, {.correlated_points = 1.0, .relative_model_error = 0.0, .model_error_sigma_m = 0.0}));
     std::vector<double> theta;
-    for (std::size_t p = 0; p < truth->num_parameters(); ++p) theta.push_back(truth->parameter(p).prior_median * (p % 2 == 0 ? 2.5 : 0.5));
+    for (std::size_t p = 0; p < truth->num_parameters(); ++p)
+        theta.push_back(truth->parameter(p).prior_median * (p % 2 == 0 ? 2.5 : 0.5));
     const Surface surface(c.mesh);
     VectorXd x = positions(c), z(3);
     std::mt19937_64 random(5);
@@ -115,12 +124,15 @@ Outcome run(bool with_markers, bool with_surface) {
     for (int f = 0; f < kFrames; ++f) {
         const double t = f / 30.0, pull = 0.7 + 0.4 * std::sin(3.0 * t);
         const double force[3] = {0.4 * pull, 0.3 * pull * std::sin(2.0 * t), -pull};
-        EXPECT_EQ(truth->advance({t, 1.0 / 30.0, force, {}}, theta, {x.data(), static_cast<std::size_t>(x.size())}, 1).lanes_converged, 1);
+        EXPECT_EQ(truth->advance({t, 1.0 / 30.0, force, {}}, theta, {x.data(), static_cast<std::size_t>(x.size())}, 1)
+                      .lanes_converged,
+                  1);
         truth->observe({x.data(), static_cast<std::size_t>(x.size())}, {z.data(), 3}, 1);
         Points points;  // of the lower and the front side, as a camera there sees them
         while (std::ssize(points.x) < kSurfacePoints) {
             const auto& [a, b, d] = surface.triangles()[random() % surface.triangles().size()];
-            const Vector3d A = x.segment<3>(3 * a), B = x.segment<3>(3 * b), D = x.segment<3>(3 * d), n = (B - A).cross(D - A).normalized();
+            const Vector3d A = x.segment<3>(3 * a), B = x.segment<3>(3 * b), D = x.segment<3>(3 * d),
+                           n = (B - A).cross(D - A).normalized();
             if (n.z() > -0.5 && n.y() > -0.5) continue;
             double u = uniform(random), v = uniform(random);
             if (u + v > 1.0) u = 1.0 - u, v = 1.0 - v;
@@ -128,7 +140,9 @@ Outcome run(bool with_markers, bool with_surface) {
         }
         std::vector<double> mx{z(0)}, my{z(1)}, mz{z(2)};
         for (auto* axis : {&mx, &my, &mz}) axis->front() += with_markers ? kMarkerSigma * noise(random) : kNaN;
-        const FrameOutcome outcome = estimator.step({static_cast<std::int64_t>(1e6 * t) + 1, id, mx, my, mz, sigma, points.frame()}, {t, 1.0 / 30.0, force, {}});
+        const FrameOutcome outcome =
+            estimator.step({static_cast<std::int64_t>(1e6 * t) + 1, id, mx, my, mz, sigma, points.frame()},
+                           {t, 1.0 / 30.0, force, {}});
         EXPECT_EQ(outcome, with_markers || with_surface ? FrameOutcome::kCorrected : FrameOutcome::kPredicted);
     }
     Outcome out{estimator.theta(), estimator.covariance().diagonal().cwiseSqrt()};
@@ -139,14 +153,16 @@ Outcome run(bool with_markers, bool with_surface) {
 TEST(SurfaceObservation, SurfacePointsFindWhatOneMarkerLeavesOpen) {
     const Outcome marker = run(true, false), both = run(true, true), surface = run(false, true);
     for (const auto& [name, o] : {std::pair{"marker", &marker}, {"both", &both}, {"surface", &surface}})
-        std::printf("%-8s error of ln stiffness %.3f rms, stated %.3f %.3f %.3f\n", name, o->rms_error(), o->stdev(0), o->stdev(1), o->stdev(2));
+        std::printf("%-8s error of ln stiffness %.3f rms, stated %.3f %.3f %.3f\n", name, o->rms_error(), o->stdev(0),
+                    o->stdev(1), o->stdev(2));
     EXPECT_LT(both.rms_error(), 0.7 * marker.rms_error());
     EXPECT_LT(surface.rms_error(), 0.8 * marker.rms_error());
     EXPECT_LT(both.stdev(1), 0.1 * marker.stdev(1)) << "the middle group; the first, beside the clamp, hardly moves";
     EXPECT_LT(surface.stdev(1), 0.1 * marker.stdev(1));
     for (const Outcome* o : {&both, &surface}) {
         EXPECT_TRUE((o->stdev.array() < marker.stdev.array()).all());
-        EXPECT_TRUE((o->error.cwiseAbs().array() < 3.5 * o->stdev.array()).all()) << o->error.transpose() << " of " << o->stdev.transpose();
+        EXPECT_TRUE((o->error.cwiseAbs().array() < 3.5 * o->stdev.array()).all())
+            << o->error.transpose() << " of " << o->stdev.transpose();
     }
 }
 

@@ -136,8 +136,8 @@ TEST(Ukf, CovarianceStaysPositiveDefiniteAfterTenThousandSteps) {
         const MatrixXd Z = H * filter.sigma_points();
         filter.correct(VectorXd::Constant(6, std::sin(0.1 * step)), Z, R);
         if (step % 100 == 0)
-            smallest = std::min(
-                smallest, Eigen::SelfAdjointEigenSolver<MatrixXd>(filter.covariance()).eigenvalues()(0));
+            smallest =
+                std::min(smallest, Eigen::SelfAdjointEigenSolver<MatrixXd>(filter.covariance()).eigenvalues()(0));
     }
     EXPECT_TRUE(filter.mean().allFinite());
     EXPECT_GT(smallest, 0.0);

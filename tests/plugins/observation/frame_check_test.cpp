@@ -132,7 +132,8 @@ TEST(FrameClock, FindsOffsetAndDrift) {
     for (int k = 0; k < 3000; ++k) {
         const std::int64_t capture_us = 1'000'000 + 33'333LL * k;
         const double delay = 0.020 + (k % 7 == 0 ? 0.0 : 0.001 * (k % 5));
-        clock.add(capture_us, std::llround(1.00005 * static_cast<double>(capture_us)) + 3'000'000 + std::llround(1e6 * delay));
+        clock.add(capture_us,
+                  std::llround(1.00005 * static_cast<double>(capture_us)) + 3'000'000 + std::llround(1e6 * delay));
     }
     EXPECT_NEAR(clock.drift_ppm(), 50.0, 5.0);
     EXPECT_NEAR(clock.offset_s(), 3.020 + 50e-6 * 101.0, 1e-3);

@@ -21,7 +21,8 @@ cv::Mat plane_image(const Eigen::Vector3d& n, double d, double disparity_sigma, 
         for (int u = 0; u < 640; ++u) {
             const Point r = kDepth.ray({double(u), double(v)});
             const double z = d / (n.x() * r[0] + n.y() * r[1] + n.z());
-            counts.at<std::uint16_t>(v, u) = static_cast<std::uint16_t>(std::lround(1.0 / (1.0 / z + noise(random)) / kUnit));
+            counts.at<std::uint16_t>(v, u) =
+                static_cast<std::uint16_t>(std::lround(1.0 / (1.0 / z + noise(random)) / kUnit));
         }
     return counts;
 }
@@ -50,7 +51,8 @@ TEST(DepthLift, MeetsATiltedPlaneSeenByAnotherCamera) {
     }
 }
 
-// White disparity noise (no correlation between pixels): the stated sigma, made for correlated noise, must not be below.
+// White disparity noise (no correlation between pixels): the stated sigma, made for correlated noise, must not be
+// below.
 TEST(DepthLift, StatedUncertaintyCoversTheError) {
     const Eigen::Vector3d n = Eigen::Vector3d(0.2, 0.1, 1.0).normalized();
     LiftOptions options;
@@ -77,7 +79,9 @@ TEST(DepthLift, HolesAndEdgesGiveNothing) {
     const Eigen::Vector3d n(0.0, 0.0, 1.0);
     cv::Mat counts = plane_image(n, 0.3, 0.0, 1);
     const Pixel pixel{322.5, 241.0};
-    const auto lifted = [&] { return DepthLift(counts, kUnit, kDepth, kColor, depth_from_color(), {}).at({pixel}, 0.3); };
+    const auto lifted = [&] {
+        return DepthLift(counts, kUnit, kDepth, kColor, depth_from_color(), {}).at({pixel}, 0.3);
+    };
     const auto seen = kDepth.project({0.015, 0.001, 0.298});
     const int u = static_cast<int>(seen->u), v = static_cast<int>(seen->v);
     ASSERT_TRUE(lifted());
@@ -98,7 +102,10 @@ TEST(DepthLift, RefusesGrazingViews) {
         const double a = degrees / 57.29578;
         const Eigen::Vector3d n(std::sin(a), 0.0, std::cos(a));
         const cv::Mat counts = plane_image(n, 0.3 * std::cos(a), 0.0, 1);
-        EXPECT_EQ(DepthLift(counts, kUnit, kDepth, kColor, depth_from_color(), {}).at({{300.0, 241.0}}, 0.3).has_value(), seen) << degrees;
+        EXPECT_EQ(
+            DepthLift(counts, kUnit, kDepth, kColor, depth_from_color(), {}).at({{300.0, 241.0}}, 0.3).has_value(),
+            seen)
+            << degrees;
     }
 }
 

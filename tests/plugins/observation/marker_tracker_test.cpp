@@ -24,7 +24,8 @@ Case demo_case() {
 }
 
 struct Film {
-    explicit Film(double occlusion) : c(demo_case()), scene(*phantom::Scene::make(c, {.occlusion = occlusion})), renderer(scene, {}, 1) {
+    explicit Film(double occlusion)
+        : c(demo_case()), scene(*phantom::Scene::make(c, {.occlusion = occlusion})), renderer(scene, {}, 1) {
         to_depth.t = {0.015, 0.0, 0.0};
         for (const MarkerRest& m : c.markers) rest.emplace_back(m.position_m[0], m.position_m[1], m.position_m[2]);
     }
@@ -55,7 +56,8 @@ TEST(MarkerTracker, KeepsIdentityAndPlaceBehindASweepingRetractor) {
     int visible = 0, reported_visible = 0;
     for (int k = 0; k < 110; ++k) {  // one sweep there and back
         film.shoot(k / kRate);
-        const auto& sights = tracker.track(film.grey, DepthLift(film.counts, 1e-4, film.depth, film.color, film.to_depth, {}));
+        const auto& sights =
+            tracker.track(film.grey, DepthLift(film.counts, 1e-4, film.depth, film.color, film.to_depth, {}));
         for (std::size_t i = 0; i < sights.size(); ++i) {
             const bool sees = film.renderer.sees(film.scene.marker_now(film.scene.markers()[i]));
             visible += sees ? 1 : 0;

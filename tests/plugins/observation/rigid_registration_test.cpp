@@ -50,14 +50,16 @@ TEST(RigidRegistration, FindsTheCameraFromTheLiversSurfaceAndKnowsHowWell) {
     const auto points = depth_points({counts.ptr<std::uint16_t>(), counts.total()}, camera, 1e-4, 4);
     const Pose truth = scene->camera();
     for (const double sign : {1.0, -1.0}) {
-        const Pose start = moved(truth, sign * Vector3d(0.05, -0.04, 0.06), sign * Vector3d(0.005, -0.006, 0.004), Vector3d::Zero());
+        const Pose start =
+            moved(truth, sign * Vector3d(0.05, -0.04, 0.06), sign * Vector3d(0.005, -0.006, 0.004), Vector3d::Zero());
         const auto found = refine_on_surface(c->mesh, points, start, {});
         ASSERT_TRUE(found) << found.error().text;
         // Error as a turn and a shift about the centroid.
         const Matrix3d D = matrix(found->camera_to_case) * matrix(truth).transpose();
         const Eigen::AngleAxisd turn(D);
         Eigen::Matrix<double, 6, 1> error;
-        const Vector3d at_centroid = vec(found->camera_to_case.apply(truth.inverse().apply({found->centroid.x(), found->centroid.y(), found->centroid.z()})));
+        const Vector3d at_centroid = vec(found->camera_to_case.apply(
+            truth.inverse().apply({found->centroid.x(), found->centroid.y(), found->centroid.z()})));
         error << turn.angle() * turn.axis(), at_centroid - found->centroid;
         EXPECT_LT(error.head<3>().norm(), 0.01) << "0.6 degrees";
         EXPECT_LT(error.tail<3>().norm(), 1e-3);
@@ -68,7 +70,7 @@ TEST(RigidRegistration, FindsTheCameraFromTheLiversSurfaceAndKnowsHowWell) {
 
 TEST(RigidRegistration, AFlatFaceLeavesSlidingOpen) {
     const Case c = test::clamped_block();  // 100 x 30 x 30 mm
-    std::vector<Point> points;             // of its upper face alone, in the axes of a camera at z = 0.33 that looks down
+    std::vector<Point> points;  // of its upper face alone, in the axes of a camera at z = 0.33 that looks down
     for (int i = 1; i < 40; ++i)
         for (int j = 1; j < 12; ++j) points.push_back({0.0025 * i - 0.05, 0.0025 * j - 0.015, 0.3});
     SensorData sensor;

@@ -47,8 +47,8 @@ std::int32_t index_of(const SensorModel& model, const std::string& id) {
     return -1;
 }
 
-std::vector<double> seen_with(const SensorModel& model, const std::string& id,
-                              const std::vector<double>& values, const std::vector<double>& truth) {
+std::vector<double> seen_with(const SensorModel& model, const std::string& id, const std::vector<double>& values,
+                              const std::vector<double>& truth) {
     const std::vector<EffectInstance> on{{index_of(model, id), values}};
     std::vector<double> seen(truth.size());
     model.observe(on, times(), truth, seen);
@@ -68,8 +68,8 @@ TEST(SensorModel, ListsTheSensorIdsOfTheCatalogue) {
         EXPECT_EQ(model.effect(e).not_applicable, nullptr) << model.effect(e).not_applicable;
         EXPECT_GT(model.effect(e).num_candidates, 0) << model.effect(e).id;
     }
-    EXPECT_EQ(ids, (std::set<std::string>{"registration", "depth_scale", "latency", "camera_drift",
-                                          "lens_distortion", "marker_slip", "noise"}));
+    EXPECT_EQ(ids, (std::set<std::string>{"registration", "depth_scale", "latency", "camera_drift", "lens_distortion",
+                                          "marker_slip", "noise"}));
 }
 
 TEST(SensorModel, NullValuesChangeNothingAndEveryCandidateDoes) {
@@ -91,8 +91,7 @@ TEST(SensorModel, NullValuesChangeNothingAndEveryCandidateDoes) {
                 if (parameter.role == EffectRole::kAmplitude) values[p] = parameter.null_value;
             }
             const auto nothing = seen_with(model, info.id, values, truth);
-            for (std::size_t i = 0; i < truth.size(); ++i)
-                ASSERT_NEAR(nothing[i], truth[i], 1e-15) << info.id;
+            for (std::size_t i = 0; i < truth.size(); ++i) ASSERT_NEAR(nothing[i], truth[i], 1e-15) << info.id;
         }
     }
 }
@@ -107,14 +106,12 @@ TEST(SensorModel, RegistrationIsTheRigidMotionThatKabschFinds) {
         to(seen.data(), 3, static_cast<Eigen::Index>(M));
     const Eigen::Matrix4d T = Eigen::umeyama(from, to, false);
     EXPECT_NEAR(((T.topLeftCorner<3, 3>() * from).colwise() + T.col(3).head<3>() - to).norm(), 0.0, 1e-12);
-    EXPECT_NEAR(Eigen::AngleAxisd(T.topLeftCorner<3, 3>()).angle(), Vector3d(0.02, -0.05, 0.03).norm(),
-                1e-12);
+    EXPECT_NEAR(Eigen::AngleAxisd(T.topLeftCorner<3, 3>()).angle(), Vector3d(0.02, -0.05, 0.03).norm(), 1e-12);
     Vector3d centre = Vector3d::Zero();  // turns about the markers' centre at rest
     for (const auto& m : c.markers) centre += Vector3d(m.position_m.data()) / double(M);
     EXPECT_NEAR(
-        (T.topLeftCorner<3, 3>() * centre + T.col(3).head<3>() - centre - Vector3d(0.003, -0.002, 0.004))
-            .norm(),
-        0.0, 1e-12);
+        (T.topLeftCorner<3, 3>() * centre + T.col(3).head<3>() - centre - Vector3d(0.003, -0.002, 0.004)).norm(), 0.0,
+        1e-12);
 }
 
 // A sine seen late is the sine with another phase; Hermite between frames errs by O(dt^3) of a 3 s period.
@@ -137,8 +134,7 @@ TEST(SensorModel, DepthIsScaledAlongTheRay) {
     const Case c = seen_case();
     const SensorModel model(c);
     const auto truth = swinging(c);
-    const Vector3d o(c.sensor.camera_position_m->data()),
-        view = Vector3d(c.sensor.view_direction->data()).normalized();
+    const Vector3d o(c.sensor.camera_position_m->data()), view = Vector3d(c.sensor.view_direction->data()).normalized();
     Vector3d centre = Vector3d::Zero();
     for (const auto& m : c.markers) centre += Vector3d(m.position_m.data()) / double(c.markers.size());
     const double z0 = (centre - o).dot(view);
@@ -155,8 +151,7 @@ TEST(SensorModel, LensMovesPointsRadiallyWithTheCubeOfTheAngle) {
     const Case c = seen_case();
     const SensorModel model(c);
     const auto truth = swinging(c);
-    const Vector3d o(c.sensor.camera_position_m->data()),
-        view = Vector3d(c.sensor.view_direction->data()).normalized();
+    const Vector3d o(c.sensor.camera_position_m->data()), view = Vector3d(c.sensor.view_direction->data()).normalized();
     const auto seen = seen_with(model, "lens_distortion", {0.6}, truth);
     for (std::size_t m = 0; m < c.markers.size(); ++m) {
         const Vector3d p = at(truth, 5, m, c.markers.size()) - o, q = at(seen, 5, m, c.markers.size()) - o;
@@ -173,8 +168,7 @@ TEST(SensorModel, DriftGrowsLinearly) {
     const auto seen = seen_with(model, "camera_drift", {0.004, 0.0, -0.002}, truth);
     for (const std::size_t f : {std::size_t{0}, kFrames / 2, kFrames - 1}) {
         const Vector3d moved = at(seen, f, 3, c.markers.size()) - at(truth, f, 3, c.markers.size());
-        EXPECT_NEAR((moved - double(f) / double(kFrames - 1) * Vector3d(0.004, 0.0, -0.002)).norm(), 0.0,
-                    1e-15);
+        EXPECT_NEAR((moved - double(f) / double(kFrames - 1) * Vector3d(0.004, 0.0, -0.002)).norm(), 0.0, 1e-15);
     }
 }
 

@@ -41,7 +41,8 @@ TEST(TextureTracker, FollowsTheMaterialWithoutDriftAndLosesWhatIsHidden) {
     auto scene = phantom::Scene::make(*c, {.occlusion = 0.3});
     ASSERT_TRUE(scene);
     phantom::Renderer renderer(*scene, {.no_markers = true, .texture = 2.0}, 1);
-    const CameraModel color{640, 480, 612.0, 611.0, 322.5, 241.0, {0.02, -0.05, 5e-4, -3e-4, 0.0}}, depth{640, 480, 385.0, 385.0, 319.0, 238.5, {}};
+    const CameraModel color{640, 480, 612.0, 611.0, 322.5, 241.0, {0.02, -0.05, 5e-4, -3e-4, 0.0}},
+        depth{640, 480, 385.0, 385.0, 319.0, 238.5, {}};
     Pose depth_to_color;
     depth_to_color.t = {-0.015, 0.0, 0.0};
     const Pose pose = scene->camera();
@@ -87,10 +88,15 @@ TEST(TextureTracker, FollowsTheMaterialWithoutDriftAndLosesWhatIsHidden) {
             errors.push_back({t, distance(x, {sight.x.x(), sight.x.y(), sight.x.z()})});
         }
     }
-    const double early = quantile(within(errors, 0.0, 1.0), 0.5), late = quantile(within(errors, kSeconds - 1.0, kSeconds), 0.5);
-    const double median = quantile(within(errors, 0.0, kSeconds), 0.5), p95 = quantile(within(errors, 0.0, kSeconds), 0.95);
-    std::printf("%zu features, error median %.2f mm, 95th percentile %.2f mm, first second %.2f, last %.2f; visible reported %.0f %%, hidden reported %d of %d\n",
-                truth.size(), 1e3 * median, 1e3 * p95, 1e3 * early, 1e3 * late, 100.0 * visible_reported / visible, hidden_reported, hidden);
+    const double early = quantile(within(errors, 0.0, 1.0), 0.5),
+                 late = quantile(within(errors, kSeconds - 1.0, kSeconds), 0.5);
+    const double median = quantile(within(errors, 0.0, kSeconds), 0.5),
+                 p95 = quantile(within(errors, 0.0, kSeconds), 0.95);
+    std::printf(
+        "%zu features, error median %.2f mm, 95th percentile %.2f mm, first second %.2f, last %.2f; visible reported "
+        "%.0f %%, hidden reported %d of %d\n",
+        truth.size(), 1e3 * median, 1e3 * p95, 1e3 * early, 1e3 * late, 100.0 * visible_reported / visible,
+        hidden_reported, hidden);
     EXPECT_GE(truth.size(), 20u);
     EXPECT_LT(median, 6e-4);
     EXPECT_LT(p95, 2.5e-3);

@@ -51,8 +51,8 @@ TEST_P(EveryAnchorSpring, StiffnessIsMinusForceDerivative) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Laws, EveryAnchorSpring,
-                         testing::Values(AnchorLaw::kRestShape, AnchorLaw::kPolynomialTension,
-                                         AnchorLaw::kCubicTension, AnchorLaw::kPolynomialRestShape));
+                         testing::Values(AnchorLaw::kRestShape, AnchorLaw::kPolynomialTension, AnchorLaw::kCubicTension,
+                                         AnchorLaw::kPolynomialRestShape));
 
 TEST(AnchorSpring, RestShapePushesAndPulls) {
     AnchorSpring spring = make(AnchorLaw::kRestShape);

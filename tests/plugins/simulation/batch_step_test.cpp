@@ -73,9 +73,9 @@ struct Sequence {
     void step(int k) {
         const double t = k / 30.0, pull = 0.2 + 0.1 * std::sin(2.0 * t);
         const double force[3] = {0.5 * pull, 0.3 * pull, -pull};
-        const ForwardReport r = model->advance(
-            {t, 1.0 / 30.0, force, {}}, {theta.data(), static_cast<std::size_t>(theta.size())},
-            {X.data(), static_cast<std::size_t>(X.size())}, static_cast<std::size_t>(X.cols()));
+        const ForwardReport r =
+            model->advance({t, 1.0 / 30.0, force, {}}, {theta.data(), static_cast<std::size_t>(theta.size())},
+                           {X.data(), static_cast<std::size_t>(X.size())}, static_cast<std::size_t>(X.cols()));
         lanes_not_converged += r.lanes - r.lanes_converged;
         factorisations += r.factorisations;
     }
@@ -116,8 +116,7 @@ TEST_P(BatchStep, SameInputSameBits) {
     for (int k = 1; k <= 20; ++k) {
         a.step(k);
         b.step(k);
-        ASSERT_EQ(std::memcmp(a.X.data(), b.X.data(), sizeof(double) * static_cast<std::size_t>(a.X.size())),
-                  0)
+        ASSERT_EQ(std::memcmp(a.X.data(), b.X.data(), sizeof(double) * static_cast<std::size_t>(a.X.size())), 0)
             << "step " << k;
     }
     EXPECT_GT(a.factorisations, 3);
@@ -147,8 +146,7 @@ TEST_P(BatchStep, AllocatesNothingAfterWarmUp) {
         const auto bytes_before = mallinfo2().uordblks;
         run.step(k);
         run.model->observe({run.X.data(), static_cast<std::size_t>(run.X.size())},
-                           {Z.data(), static_cast<std::size_t>(Z.size())},
-                           static_cast<std::size_t>(run.X.cols()));
+                           {Z.data(), static_cast<std::size_t>(Z.size())}, static_cast<std::size_t>(run.X.cols()));
         if (run.factorisations > 0) continue;
         ++quiet_steps;
         EXPECT_EQ(g_allocations - before, 0) << "step " << k;
@@ -157,8 +155,7 @@ TEST_P(BatchStep, AllocatesNothingAfterWarmUp) {
     EXPECT_GE(quiet_steps, 10);
 }
 
-INSTANTIATE_TEST_SUITE_P(Ligaments, BatchStep,
-                         ::testing::Values(LigamentLaw::kNeoHookean, LigamentLaw::kCubicSpring),
+INSTANTIATE_TEST_SUITE_P(Ligaments, BatchStep, ::testing::Values(LigamentLaw::kNeoHookean, LigamentLaw::kCubicSpring),
                          [](const auto& ligament) {
                              return ligament.param == LigamentLaw::kNeoHookean ? "band" : "cubic_springs";
                          });
@@ -183,8 +180,7 @@ TEST(MetricSolver, EqualsTheDoublePrecisionSolve) {
             std::vector<float> y(metric.num_storage_rows() * stride, 0.0f);
             for (std::size_t r = 0; r < metric.num_rows(); ++r)
                 for (std::size_t l = 0; l < lanes; ++l)
-                    y[r * stride + l] =
-                        static_cast<float>(B(metric.free_row(r), static_cast<Eigen::Index>(l)));
+                    y[r * stride + l] = static_cast<float>(B(metric.free_row(r), static_cast<Eigen::Index>(l)));
             metric.solve(y.data(), lanes, team);
             cholesky.solve(B);
             double error = 0.0;

@@ -36,10 +36,8 @@ VectorXd force(const CorotationalTets& body, const VectorXd& x, const std::vecto
 MatrixXd dense(const BlockPattern& pattern, const std::vector<double>& values) {
     MatrixXd K = MatrixXd::Zero(pattern.num_rows(), pattern.num_rows());
     for (Index j = 0; j < K.cols(); ++j)
-        for (auto k = pattern.column_start()[std::size_t(j)]; k < pattern.column_start()[std::size_t(j) + 1];
-             ++k)
-            K(pattern.row()[std::size_t(k)], j) = K(j, pattern.row()[std::size_t(k)]) =
-                values[std::size_t(k)];
+        for (auto k = pattern.column_start()[std::size_t(j)]; k < pattern.column_start()[std::size_t(j) + 1]; ++k)
+            K(pattern.row()[std::size_t(k)], j) = K(j, pattern.row()[std::size_t(k)]) = values[std::size_t(k)];
     return K;
 }
 
@@ -132,12 +130,10 @@ TEST_P(Corotational, ForceIsProportionalToModulus) {
     const auto body = make(mesh, GetParam());
     const VectorXd x = rest_positions(mesh) + test::scatter(24, 0.004);
     const std::vector<double> soft(6, 1e3), stiff(6, 3e3);
-    EXPECT_LT((force(body, x, stiff) - 3.0 * force(body, x, soft)).norm(),
-              1e-12 * force(body, x, stiff).norm());
+    EXPECT_LT((force(body, x, stiff) - 3.0 * force(body, x, soft)).norm(), 1e-12 * force(body, x, stiff).norm());
 }
 
-INSTANTIATE_TEST_SUITE_P(Frames, Corotational,
-                         testing::Values(ElementFrame::kFirstEdge, ElementFrame::kPolar));
+INSTANTIATE_TEST_SUITE_P(Frames, Corotational, testing::Values(ElementFrame::kFirstEdge, ElementFrame::kPolar));
 
 TEST(CorotationalPolar, ForceIsMinusEnergyGradient) {
     const auto mesh = test::distorted_cube();

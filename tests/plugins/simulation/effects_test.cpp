@@ -58,8 +58,7 @@ std::vector<double> values_of(const Trajectory& t, std::size_t effect, const Val
 
 // Node positions of all frames under one effect.
 std::vector<double> nodes_under(const Case& c, const std::string& id, const Values& given,
-                                ElementType element = ElementType::kQuadratic,
-                                std::vector<double> theta = {}) {
+                                ElementType element = ElementType::kQuadratic, std::vector<double> theta = {}) {
     PlayerSettings settings;
     settings.model.element = element;
     settings.soft_clamps = element != ElementType::kQuadratic;  // the layer has no mid-edge nodes
@@ -146,9 +145,8 @@ TEST(Effects, StiffnessAndVolumeModulusAsInCalculix) {
     p.material.youngs_modulus_pa = kE * 1.25 / (1.0 + kNu);
     truth = test::solve_with_calculix(p, scratch.path());
     ASSERT_TRUE(truth) << truth.error().text;
-    EXPECT_LT(
-        difference(c, nodes_under(c, "compressibility", {{"poissons_ratio", 0.25}}), truth->displacement_m),
-        0.03);
+    EXPECT_LT(difference(c, nodes_under(c, "compressibility", {{"poissons_ratio", 0.25}}), truth->displacement_m),
+              0.03);
 }
 
 // One third of a bar is stiff: end displacement of bars in series under tension, E1 and E2 by the smooth
@@ -167,13 +165,10 @@ TEST(Effects, InclusionIsBarsInSeries) {
     const double force = 0.02;
     c.loads = {{0.0, 0, {force, 0.0, 0.0}}};
     const double radius = 0.03;
-    const auto x = nodes_under(c, "inclusion",
-                               {{"ratio", 6.0},
-                                {"center_x", kSize[0]},
-                                {"center_y", 0.015},
-                                {"center_z", 0.015},
-                                {"radius", radius}},
-                               ElementType::kNodalBlend);
+    const auto x = nodes_under(
+        c, "inclusion",
+        {{"ratio", 6.0}, {"center_x", kSize[0]}, {"center_y", 0.015}, {"center_z", 0.015}, {"radius", radius}},
+        ElementType::kNodalBlend);
     double end = 0.0;
     const auto tip = test::nodes_on_plane(c.mesh, 0, kSize[0]);
     for (const auto n : tip) end += (x[3 * std::size_t(n)] - kSize[0]) / double(tip.size());
@@ -183,10 +178,8 @@ TEST(Effects, InclusionIsBarsInSeries) {
         double modulus = 0.0;
         for (int j = 0; j < 4; ++j)
             for (int k = 0; k < 4; ++k) {
-                const Vector3d r(kSize[0] * (1.0 - (i + 0.5) / steps), (j - 1.5) * 0.0075,
-                                 (k - 1.5) * 0.0075);
-                modulus +=
-                    kE * std::pow(6.0, 1.0 / (1.0 + std::exp((r.norm() / radius - 1.0) / 0.15))) / 16.0;
+                const Vector3d r(kSize[0] * (1.0 - (i + 0.5) / steps), (j - 1.5) * 0.0075, (k - 1.5) * 0.0075);
+                modulus += kE * std::pow(6.0, 1.0 / (1.0 + std::exp((r.norm() / radius - 1.0) / 0.15))) / 16.0;
             }
         series += kSize[0] / steps * force / (modulus * kSize[1] * kSize[2]);
     }
@@ -262,10 +255,10 @@ TEST(Effects, TornLigamentDropsByHandCalculation) {
     EXPECT_NEAR(uy, 0.004, 4e-5);
 
     // Slack: the rest place moves by -s along the outward normal -x, the pull stretches it by F/k from there.
-    const auto slack = nodes_under(
-        c, "ligament_slack",
-        {{"shift", 0.002}, {"center_x", 0.0}, {"center_y", 0.015}, {"center_z", 0.015}, {"radius", 0.5}},
-        ElementType::kNodalBlend, {stiffness});
+    const auto slack =
+        nodes_under(c, "ligament_slack",
+                    {{"shift", 0.002}, {"center_x", 0.0}, {"center_y", 0.015}, {"center_z", 0.015}, {"radius", 0.5}},
+                    ElementType::kNodalBlend, {stiffness});
     double ux = 0.0;
     for (std::size_t i = 0; i < c.mesh.nodes.size(); ++i)
         ux += (slack[4 * N + 3 * i] - c.mesh.nodes[i][0]) / double(c.mesh.nodes.size());
@@ -306,8 +299,7 @@ TEST(Effects, SoftClampIsALayerOfTissue) {
     double foot = 0.0;
     for (const auto n : c.clamped) foot += x[3 * std::size_t(n)] / double(c.clamped.size());
     // at nu = 0 the layer's modulus 3 mu is 1.5 E; nodes share the force as their areas
-    EXPECT_NEAR(foot, force * layer / (1.5 * kE * kSize[1] * kSize[2]),
-                0.05 * force * layer / (1.5 * kE * 9e-4));
+    EXPECT_NEAR(foot, force * layer / (1.5 * kE * kSize[1] * kSize[2]), 0.05 * force * layer / (1.5 * kE * 9e-4));
 }
 
 }  // namespace

@@ -15,8 +15,7 @@ using Eigen::VectorXd;
 
 // A block on its unknown ligament alone: all nodes of the face x = 0 carry it.
 Case block_on_ligament(BodyLaw law, double nu) {
-    Case c = test::clamped_block(
-        {.size_m = {0.10, 0.04, 0.04}, .cells = {8, 3, 3}, .law = law, .poissons_ratio = nu});
+    Case c = test::clamped_block({.size_m = {0.10, 0.04, 0.04}, .cells = {8, 3, 3}, .law = law, .poissons_ratio = nu});
     c.ligament = LigamentData{LigamentLaw::kNeoHookean, 50e3, 0.45, 0.02, 0.04, 0.0};
     for (const auto node : c.clamped) c.ligament_prior.push_back({node, 0.7});
     c.clamped.clear();
@@ -27,9 +26,8 @@ MatrixXd parameters(const CaseModel& m, std::size_t lanes) {
     MatrixXd theta(static_cast<Eigen::Index>(m.num_parameters()), static_cast<Eigen::Index>(lanes));
     for (Eigen::Index p = 0; p < theta.rows(); ++p)
         for (Eigen::Index l = 0; l < theta.cols(); ++l)
-            theta(p, l) =
-                m.parameter(static_cast<std::size_t>(p)).prior_median *
-                std::exp(0.8 * std::sin(1.0 + 3.0 * static_cast<double>(p) + static_cast<double>(l)));
+            theta(p, l) = m.parameter(static_cast<std::size_t>(p)).prior_median *
+                          std::exp(0.8 * std::sin(1.0 + 3.0 * static_cast<double>(p) + static_cast<double>(l)));
     return theta;
 }
 

@@ -29,8 +29,7 @@ StvkTets stvk(const TetMeshData& mesh) {
 
 TetSystem make_system(const TetMeshData& mesh, std::vector<char> held = {}) {
     held.resize(mesh.nodes.size(), 0);
-    auto system =
-        TetSystem::make(std::make_unique<StvkTets>(stvk(mesh)), mass_from_density(mesh, 200.0), held);
+    auto system = TetSystem::make(std::make_unique<StvkTets>(stvk(mesh)), mass_from_density(mesh, 200.0), held);
     EXPECT_TRUE(system.has_value());
     return std::move(*system);
 }
@@ -166,8 +165,7 @@ TEST(ImplicitEuler, FallsFreelyHoldsFixedNodesAndDampsVelocity) {
         system.gravity = Vector3d(0.0, 0.0, -9.81);
         Stepper stepper(system);
         MotionState state{rest_positions(mesh), VectorXd::Zero(24), {}};
-        for (int k = 0; k < 10; ++k)
-            ASSERT_TRUE(stepper.implicit_euler({kModulus, {}, nullptr}, kStep, 0.0, state));
+        for (int k = 0; k < 10; ++k) ASSERT_TRUE(stepper.implicit_euler({kModulus, {}, nullptr}, kStep, 0.0, state));
         for (Index a = 0; a < 8; ++a) EXPECT_NEAR(state.v(3 * a + 2), -9.81 * 10 * kStep, 1e-9);
     }
     TetSystem system = make_system(mesh, {1, 0, 1, 0, 0, 0, 0, 0});
@@ -189,8 +187,7 @@ TEST(StaticEquilibrium, BalancesForcesWithDirectSolverAndWithEnoughConjugateGrad
     Stepper stepper(system);
     StaticOptions options;
     options.newton_iterations = 20;
-    MotionState direct{rest_positions(dense.mesh), VectorXd::Zero(24), {}}, gradient = direct,
-                                                                            truncated = direct;
+    MotionState direct{rest_positions(dense.mesh), VectorXd::Zero(24), {}}, gradient = direct, truncated = direct;
     ASSERT_TRUE(stepper.static_equilibrium({kModulus, dense.springs, nullptr}, options, direct));
     EXPECT_LT(dense.force(direct.x).tail(12).norm(), 1e-7);
     EXPECT_GT((direct.x - rest_positions(dense.mesh)).norm(), 1e-3);
@@ -231,8 +228,8 @@ TEST(ConjugateGradient, TruncatedIterateIsBestInItsKrylovSpace) {
 TEST(TetSystem, RejectsMovingNodeWithoutMass) {
     auto mesh = test::single_tet();
     mesh.nodes.push_back({1.0, 1.0, 1.0});
-    const auto system = TetSystem::make(std::make_unique<StvkTets>(stvk(mesh)),
-                                        mass_from_density(mesh, 200.0), std::vector<char>(5, 0));
+    const auto system = TetSystem::make(std::make_unique<StvkTets>(stvk(mesh)), mass_from_density(mesh, 200.0),
+                                        std::vector<char>(5, 0));
     ASSERT_FALSE(system.has_value());
     EXPECT_NE(system.error().text.find("node 4"), std::string::npos);
 }

@@ -52,8 +52,7 @@ TEST_P(MaterialLaw, StressIsEnergyGradient) {
     ASSERT_TRUE(m.stress(F, GetParam().part, psi, P));
     const Eigen::VectorXd f = Eigen::Map<const Eigen::VectorXd>(F.data(), 9);
     const Eigen::VectorXd expected = test::gradient(energy, f);
-    EXPECT_LT((Eigen::Map<const Eigen::VectorXd>(P.data(), 9) - expected).norm(),
-              1e-6 * (expected.norm() + m.mu()));
+    EXPECT_LT((Eigen::Map<const Eigen::VectorXd>(P.data(), 9) - expected).norm(), 1e-6 * (expected.norm() + m.mu()));
 }
 
 TEST_P(MaterialLaw, TangentIsStressDerivative) {
@@ -101,20 +100,19 @@ TEST_P(MaterialLaw, BatchKernelEqualsScalarLaw) {
     std::vector<double> x(12 * stride), gradient(12 * stride, 0.0), energy(stride, 0.0);
     std::vector<Matrix3d> F(stride);
     for (std::size_t l = 0; l < stride; ++l) {
-        F[l] = Matrix3d::Identity() +
-               0.2 * (static_cast<double>(l) / stride) * (stretched() - 0.3 * Matrix3d::Ones());
+        F[l] = Matrix3d::Identity() + 0.2 * (static_cast<double>(l) / stride) * (stretched() - 0.3 * Matrix3d::Ones());
         if (l == 1) F[l] = Vector3d(1.2, 1.2, 0.8).asDiagonal();  // equal stretches
         if (l == 2) F[l] = stretched();
         for (std::size_t i = 0; i < 4; ++i) {
-            const Vector3d X = i == 0 ? Vector3d(0, 0, 0)
-                                      : Vector3d(Matrix3d::Identity().col(static_cast<Eigen::Index>(i) - 1));
+            const Vector3d X =
+                i == 0 ? Vector3d(0, 0, 0) : Vector3d(Matrix3d::Identity().col(static_cast<Eigen::Index>(i) - 1));
             const Vector3d position = F[l] * X;
-            for (std::size_t a = 0; a < 3; ++a)
-                x[(3 * i + a) * stride + l] = position(static_cast<Eigen::Index>(a));
+            for (std::size_t a = 0; a < 3; ++a) x[(3 * i + a) * stride + l] = position(static_cast<Eigen::Index>(a));
         }
     }
     const std::int32_t point = 0, row[4] = {0, 1, 2, 3};
-    add_gradient_of_points(points, {&point, 1, row}, m, x.data(), gradient.data(), nullptr, energy.data(), stride, stride);
+    add_gradient_of_points(points, {&point, 1, row}, m, x.data(), gradient.data(), nullptr, energy.data(), stride,
+                           stride);
     for (std::size_t l = 0; l < stride; ++l) {
         double psi = 0.0;
         Matrix3d P;
@@ -122,22 +120,20 @@ TEST_P(MaterialLaw, BatchKernelEqualsScalarLaw) {
         EXPECT_NEAR(energy[l], 1.3 / 6.0 * psi, 1e-10 * (std::abs(psi) + m.mu())) << "lane " << l;
         for (int i = 1; i < 4; ++i)
             for (int a = 0; a < 3; ++a)
-                EXPECT_NEAR(gradient[static_cast<std::size_t>(3 * i + a) * stride + l],
-                            1.3 / 6.0 * P(a, i - 1), 1e-9 * m.mu())
+                EXPECT_NEAR(gradient[static_cast<std::size_t>(3 * i + a) * stride + l], 1.3 / 6.0 * P(a, i - 1),
+                            1e-9 * m.mu())
                     << "lane " << l;
     }
 }
 
-INSTANTIATE_TEST_SUITE_P(AllLaws, MaterialLaw,
-                         testing::Values(Sample{BodyLaw::kStVK, {1, 1}, "stvk"},
-                                         Sample{BodyLaw::kNeoHookean, {1, 1}, "neo_hookean"},
-                                         Sample{BodyLaw::kOgden, {1, 1}, "ogden"},
-                                         Sample{BodyLaw::kCorotational, {1, 1}, "corotational"},
-                                         Sample{BodyLaw::kStVK, {0.5, 0}, "stvk_shear"},
-                                         Sample{BodyLaw::kOgden, {0.5, 0}, "ogden_shear"},
-                                         Sample{BodyLaw::kOgden, {0, 1}, "ogden_volume"},
-                                         Sample{BodyLaw::kNeoHookean, {0.3, 1}, "neo_blend"}),
-                         [](const auto& test_case) { return test_case.param.name; });
+INSTANTIATE_TEST_SUITE_P(
+    AllLaws, MaterialLaw,
+    testing::Values(Sample{BodyLaw::kStVK, {1, 1}, "stvk"}, Sample{BodyLaw::kNeoHookean, {1, 1}, "neo_hookean"},
+                    Sample{BodyLaw::kOgden, {1, 1}, "ogden"}, Sample{BodyLaw::kCorotational, {1, 1}, "corotational"},
+                    Sample{BodyLaw::kStVK, {0.5, 0}, "stvk_shear"}, Sample{BodyLaw::kOgden, {0.5, 0}, "ogden_shear"},
+                    Sample{BodyLaw::kOgden, {0, 1}, "ogden_volume"},
+                    Sample{BodyLaw::kNeoHookean, {0.3, 1}, "neo_blend"}),
+    [](const auto& test_case) { return test_case.param.name; });
 
 // Ogden, uniaxial, incompressible limit (K = 1e5 G): nominal stress = (2 G/alpha)(l^(alpha-1) -
 // l^(-alpha/2-1)).

@@ -22,8 +22,7 @@ inline TetMeshData distorted_cube() {
     for (int k = 0; k < 2; ++k)
         for (int j = 0; j < 2; ++j)
             for (int i = 0; i < 2; ++i)
-                mesh.nodes.push_back(
-                    {0.05 * i + 0.004 * j, 0.04 * j + 0.003 * k * i, 0.06 * k + 0.002 * i * j});
+                mesh.nodes.push_back({0.05 * i + 0.004 * j, 0.04 * j + 0.003 * k * i, 0.06 * k + 0.002 * i * j});
     mesh.tets = {{0, 1, 3, 7}, {0, 3, 2, 7}, {0, 2, 6, 7}, {0, 6, 4, 7}, {0, 4, 5, 7}, {0, 5, 1, 7}};
     return mesh;
 }

@@ -43,8 +43,7 @@ TEST_P(EveryElement, PassesThePatchTest) {
     F << 1.06, 0.03, -0.02, 0.01, 0.95, 0.04, -0.03, 0.02, 1.03;
     double volume = 0.0;
     for (const double v : mesh.volume) volume += v;
-    for (const BodyLaw law :
-         {BodyLaw::kStVK, BodyLaw::kNeoHookean, BodyLaw::kOgden, BodyLaw::kCorotational}) {
+    for (const BodyLaw law : {BodyLaw::kStVK, BodyLaw::kNeoHookean, BodyLaw::kOgden, BodyLaw::kCorotational}) {
         BodyData b;
         b.law = law;
         b.youngs_modulus_pa = 21e3;
@@ -129,8 +128,7 @@ TEST_P(EveryElement, TangentIsGradientDerivative) {
     ExternalActions actions;
     system.resolve({}, {}, actions);
     Positions x = X;
-    for (Eigen::Index i = 0; i < x.size(); ++i)
-        x.data()[i] += 0.0008 * std::sin(1.7 * static_cast<double>(i));
+    for (Eigen::Index i = 0; i < x.size(); ++i) x.data()[i] += 0.0008 * std::sin(1.7 * static_cast<double>(i));
     const auto gradient = [&](const Positions& at) {
         std::vector<double> batch(3 * nodes * kPackLanes), g(batch.size()), energy(kPackLanes);
         for (std::size_t d = 0; d < 3 * nodes; ++d)
@@ -142,8 +140,7 @@ TEST_P(EveryElement, TangentIsGradientDerivative) {
     };
     std::vector<double> values;
     ASSERT_TRUE(system.tangent(actions, {}, 0, nullptr, x, values));
-    Eigen::VectorXd direction(static_cast<Eigen::Index>(3 * nodes)),
-        product = Eigen::VectorXd::Zero(direction.size());
+    Eigen::VectorXd direction(static_cast<Eigen::Index>(3 * nodes)), product = Eigen::VectorXd::Zero(direction.size());
     for (Eigen::Index i = 0; i < direction.size(); ++i) direction(i) = std::cos(2.3 * static_cast<double>(i));
     system.pattern().multiply(values, direction.data(), product.data());
     const double h = 1e-7;
@@ -157,8 +154,8 @@ TEST_P(EveryElement, TangentIsGradientDerivative) {
 }
 
 INSTANTIATE_TEST_SUITE_P(AllElements, EveryElement,
-                         testing::Values(ElementType::kLinear, ElementType::kNodalVolume,
-                                         ElementType::kNodalBlend, ElementType::kQuadratic));
+                         testing::Values(ElementType::kLinear, ElementType::kNodalVolume, ElementType::kNodalBlend,
+                                         ElementType::kQuadratic));
 
 }  // namespace
 }  // namespace teres

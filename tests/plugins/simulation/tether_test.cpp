@@ -38,8 +38,7 @@ struct Value {
     Vector3d gradient;
 };
 Value evaluate(const Tether& t, const Vector3d& x, double theta) {
-    std::vector<double> batch(3 * kLanes), gradient(batch.size(), 0.0), energy(kLanes, 0.0),
-        factor(kLanes, theta);
+    std::vector<double> batch(3 * kLanes), gradient(batch.size(), 0.0), energy(kLanes, 0.0), factor(kLanes, theta);
     for (std::size_t a = 0; a < 3; ++a)
         for (std::size_t l = 0; l < kLanes; ++l) batch[a * kLanes + l] = x(static_cast<Eigen::Index>(a));
     add_tether_gradient({t}, factor.data(), batch.data(), gradient.data(), energy.data(), kLanes, kLanes);
@@ -95,10 +94,8 @@ TEST(Ligament, GroupsCarryTheAtlasProbability) {
         for (std::size_t g = 0; g < 4; ++g) {
             const auto& group = ligament.groups[g];
             EXPECT_NEAR(share[g], 1.0, 1e-12);
-            EXPECT_NEAR(group.full_stiffness_n_per_m, 1e5 * group.area_m2 / 0.025,
-                        1e-9 * group.full_stiffness_n_per_m);
-            const double z =
-                (std::log(group.prior_median_n_per_m) - std::log(group.threshold_n_per_m)) / s.log_stdev;
+            EXPECT_NEAR(group.full_stiffness_n_per_m, 1e5 * group.area_m2 / 0.025, 1e-9 * group.full_stiffness_n_per_m);
+            const double z = (std::log(group.prior_median_n_per_m) - std::log(group.threshold_n_per_m)) / s.log_stdev;
             EXPECT_NEAR(0.5 * std::erfc(-z / std::sqrt(2.0)), group.prior_probability, 1e-9);
         }
     }

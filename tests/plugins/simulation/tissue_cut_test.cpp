@@ -13,8 +13,8 @@ namespace teres {
 namespace {
 
 using Eigen::Map;
-using Eigen::MatrixXd;
 using Eigen::Matrix3Xd;
+using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr std::size_t kLanes = 5;
@@ -99,9 +99,9 @@ struct Motion {
     }
     void step(int k) {
         const double force[3] = {0.01 * k, 0.005 * k, -0.02 * k};
-        report = model->advance({k / 30.0, 1.0 / 30.0, force, {}},
-                                {theta.data(), static_cast<std::size_t>(theta.size())},
-                                {X.data(), static_cast<std::size_t>(X.size())}, static_cast<std::size_t>(X.cols()));
+        report =
+            model->advance({k / 30.0, 1.0 / 30.0, force, {}}, {theta.data(), static_cast<std::size_t>(theta.size())},
+                           {X.data(), static_cast<std::size_t>(X.size())}, static_cast<std::size_t>(X.cols()));
     }
 };
 
@@ -138,7 +138,8 @@ TEST_P(TissueCut, EqualsThePlainModelOfTheCutMesh) {
     for (std::size_t i = 0; i < number.size(); ++i) {
         const auto row = static_cast<Eigen::Index>(3 * i);
         if (number[i] < 0) {  // rests where it was at first
-            EXPECT_EQ(fast.X.middleRows<3>(row), MatrixXd(Map<const VectorXd>(c.mesh.nodes[i].data(), 3).replicate(1, kLanes)));
+            EXPECT_EQ(fast.X.middleRows<3>(row),
+                      MatrixXd(Map<const VectorXd>(c.mesh.nodes[i].data(), 3).replicate(1, kLanes)));
             continue;
         }
         const auto expected = plain.X.middleRows<3>(3 * number[i]);

@@ -50,8 +50,7 @@ PlayerSettings exact() {
 
 std::vector<double> prior(const TrajectoryModel& t) {
     std::vector<double> theta;
-    for (std::size_t p = 0; p < t.num_parameters(); ++p)
-        theta.push_back(std::exp(t.parameter(p).prior_log_mean));
+    for (std::size_t p = 0; p < t.num_parameters(); ++p) theta.push_back(std::exp(t.parameter(p).prior_log_mean));
     return theta;
 }
 
@@ -190,9 +189,8 @@ TEST(Trajectory, CandidatesLieWithinBounds) {
     }
     EXPECT_EQ(ids, (std::set<std::string>{"stiffness", "inclusion", "viscoelasticity", "material_law",
                                           "compressibility", "damping", "inertia", "cut", "extra_attachment",
-                                          "ligament_slack", "ligament_tear", "moving_attachment",
-                                          "clamp_compliance", "contact", "gravity", "pressure", "load_scale",
-                                          "unknown_load", "cardiac"}));
+                                          "ligament_slack", "ligament_tear", "moving_attachment", "clamp_compliance",
+                                          "contact", "gravity", "pressure", "load_scale", "unknown_load", "cardiac"}));
 }
 
 // First order about a base with effects on: the derivative of the simulation, by differences of it.
@@ -307,8 +305,7 @@ TEST(Trajectory, TangentIsTheDerivativeOfTheGradient) {
         const auto gradient = [&](const VectorXd& at) {
             std::vector<double> batch, g(dofs * stride), energy(stride);
             for (const double v : at) batch.insert(batch.end(), stride, v);
-            system.gradient(actions, {}, theta_batch.data(), batch.data(), g.data(), energy.data(), stride,
-                            1);
+            system.gradient(actions, {}, theta_batch.data(), batch.data(), g.data(), energy.data(), stride, 1);
             VectorXd out(at.size());
             for (Eigen::Index d = 0; d < out.size(); ++d) out(d) = g[std::size_t(d) * stride];
             return std::pair(out, energy[0]);
@@ -358,10 +355,8 @@ TEST(Trajectory, MarkerComplianceIsTheResponseToAUnitForce) {
     const double force = 1e-5;
     Case pushed = c;
     pushed.load_regions.push_back({"node", {node}, {1.0}});
-    for (std::size_t f = 0; f < t->num_frames(); ++f)
-        pushed.loads.push_back({t->time_s(f), 1, {0.0, force, 0.0}});
-    std::sort(pushed.loads.begin(), pushed.loads.end(),
-              [](const auto& a, const auto& b) { return a.t_s < b.t_s; });
+    for (std::size_t f = 0; f < t->num_frames(); ++f) pushed.loads.push_back({t->time_s(f), 1, {0.0, force, 0.0}});
+    std::sort(pushed.loads.begin(), pushed.loads.end(), [](const auto& a, const auto& b) { return a.t_s < b.t_s; });
     auto other = *Trajectory::make(pushed, exact());
     const auto moved = markers_under(*other, theta, {}), nominal = markers_under(*t, theta, {});
     double error = 0.0, size = 0.0;
