@@ -165,7 +165,8 @@ Status configure(Config& config, const std::string& case_folder, bool estimate) 
     for (const std::string& assignment :
          {std::string("service.bus_url=memq://"), "service.case=" + case_folder, std::string("service.drivers=replay"),
           std::string(estimate ? "service.plugins=simulation,estimator" : "service.plugins=simulation"),
-          std::string("service.health_period_s=0"), std::string("replay.speed=0"), std::string("replay.loop=false")})
+          std::string("service.health_period_s=0"), std::string("replay.speed=0"), std::string("replay.loop=false"),
+          std::string("simulation.newton_budget=0")})
         TERES_TRY(config.set(assignment, "teres estimate"));
     if (estimate) TERES_TRY(config.set("estimator.keep_recording=true", "teres estimate"));
     return {};

@@ -337,8 +337,12 @@ bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& in
     double norm = evaluate(alone, energy);
     const auto& pattern = system_.pattern();
     const auto& start = pattern.column_start();
+    const auto may_go_on = [&] {
+        return settings_.newton_budget == 0 || report.newton_steps < settings_.newton_budget;
+    };
     int iteration = 0;
-    for (; iteration < settings_.max_newton_iterations && !(norm <= settings_.relative_residual * scale); ++iteration) {
+    for (; iteration < settings_.max_newton_iterations && !(norm <= settings_.relative_residual * scale) && may_go_on();
+         ++iteration, ++report.newton_steps) {
         for (std::size_t d = 0; d < dofs; ++d) w.positions.data()[d] = alone[d * kPackLanes];
         if (!system_.tangent(actions, lane_inertia, 0, theta_one.data(), w.positions, w.values)) break;
         double mean = 0.0;

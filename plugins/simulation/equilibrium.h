@@ -25,6 +25,7 @@ struct EquilibriumSettings {
     int renew_after = 9;              ///< ... above which it is renewed in the background
     int renewal_steps = 6;            ///< calls after which a renewal is taken over; 0: none in the background
     int max_newton_iterations = 30;   ///< of the plain Newton that finishes a lane
+    int newton_budget = 0;            ///< steps of the plain Newton of all lanes in one call; 0: any number
     bool plain_newton = false;        ///< every lane alone, full Newton, direct solve (the reference path)
 };
 
@@ -32,6 +33,7 @@ struct EquilibriumReport {
     int lanes_converged = 0;
     int iterations = 0;    ///< of the slowest lane
     int newton_lanes = 0;  ///< lanes finished by plain Newton
+    int newton_steps = 0;  ///< of all of them
     int factorisations = 0;
     double relative_residual = 0.0;  ///< largest
 };

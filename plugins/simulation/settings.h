@@ -28,6 +28,7 @@ struct SimulationSettings {
     int refactorise_after = 12;
     int renew_after = 9;
     int renewal_steps = 6;
+    int newton_budget = 6;
     bool plain_newton = false;
     int max_lanes = 40;
     int threads = 2;
@@ -75,6 +76,10 @@ struct SimulationSettings {
               "steps after which a factorisation from the background is taken over (a fixed number: same "
               "input, same "
               "bits); 0: none in the background");
+        field(
+            "newton_budget", newton_budget, {0, 100000},
+            "steps of the plain Newton (a factorisation each) that all lanes of a step may take together, so that a "
+            "model far from the truth cannot hold up the loop; what has not converged then is counted; 0: any number");
         field("plain_newton", plain_newton, "every lane alone with full Newton: slow reference path");
         field("threads", threads, {1, 64}, "threads that share a step; the same number gives the same bits");
         field("max_lanes", max_lanes, {1, 128}, "largest batch (sigma points) that workspaces are made for");
@@ -94,6 +99,7 @@ struct SimulationSettings {
         p.num_frames = trajectory_frames;
         p.model.equilibrium.relative_residual = trajectory_residual;
         p.model.equilibrium.min_iterations = 2;
+        p.model.equilibrium.newton_budget = 0;
         p.model.equilibrium.max_newton_iterations = 10;  // a frame that needs more is given up
         return p;
     }
@@ -115,6 +121,7 @@ struct SimulationSettings {
         m.equilibrium.refactorise_after = refactorise_after;
         m.equilibrium.renew_after = renew_after;
         m.equilibrium.renewal_steps = renewal_steps;
+        m.equilibrium.newton_budget = plain_newton ? 0 : newton_budget;
         m.equilibrium.plain_newton = plain_newton;
         m.integrator = integrator;
         m.spectral_radius = spectral_radius;
