@@ -3,7 +3,7 @@ set(appliance config/appliance)
 set(to COMPONENT appliance EXCLUDE_FROM_ALL)  # absolute places: only into the package, not with `cmake --install`
 install(FILES ${appliance}/teres.toml DESTINATION /etc/teres ${to})
 install(FILES ${appliance}/teres.service ${appliance}/teres-multicast.service ${appliance}/teres-firewall.service
-  ${appliance}/teres-bridge@.service ${appliance}/teres-record.service DESTINATION /usr/lib/systemd/system ${to})
+  ${appliance}/teres-bridge@.service ${appliance}/teres-record.service ${appliance}/teres-diagnose.service DESTINATION /usr/lib/systemd/system ${to})
 install(FILES ${appliance}/60-teres-sysctl.conf DESTINATION /usr/lib/sysctl.d RENAME 60-teres.conf ${to})
 install(FILES ${appliance}/60-teres.rules DESTINATION /usr/lib/udev/rules.d ${to})
 install(FILES ${appliance}/60-teres-journal.conf DESTINATION /usr/lib/systemd/journald.conf.d RENAME 60-teres.conf ${to})

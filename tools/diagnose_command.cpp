@@ -1,18 +1,27 @@
 // teres diagnose CASE...: where simulation and recording part, which missing effect is to blame, how far the gap
-// closes.
+// closes. --live: the same of what the service's alarm points at.
 #include <algorithm>
 #include <cstdio>
+#include <ctime>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <utility>
 
+#include "core/bus.h"
 #include "core/case/case_reader.h"
+#include "core/case/case_writer.h"
 #include "core/case/text_file.h"
 #include "core/case/text_writer.h"
+#include "core/clock.h"
+#include "core/service.h"
+#include "teres/gap_t.hpp"
 #include "tools/commands.h"
 #include "tools/diagnosis_run.h"
 #include "tools/gap_report.h"
 #include "tools/position_table.h"
 #include "tools/progress.h"
+#include "tools/stream_window.h"
 
 namespace teres::tools {
 namespace {
@@ -24,8 +33,13 @@ struct DiagnoseOptions {
     std::string json_file, report_folder, predict_file, cache_folder = default_cache_folder();
     bool plan = false;
     int max_effects = 3;
+    bool live = false;
+    std::string url = kDefaultBusUrl, folder = "gaps";
+    double before_s = 15.0, after_s = 5.0;
     SettingsOptions settings;
 };
+
+constexpr std::size_t kLiveFrames = 60;  // of a window
 
 std::string joined(const Json& names, const char* separator = " + ") {
     std::string text;
@@ -163,6 +177,87 @@ Result<int> diagnose(const DiagnoseOptions& options) {
     return kDone;
 }
 
+// gaps/20261121-201500 (UTC), -1, -2, ... if it is there already.
+std::filesystem::path folder_of_now(const std::filesystem::path& parent) {
+    const std::time_t now = std::time(nullptr);
+    std::tm parts{};
+    gmtime_r(&now, &parts);
+    char name[32];
+    std::strftime(name, sizeof name, "%Y%m%d-%H%M%S", &parts);
+    std::filesystem::path folder = parent / name;
+    for (int k = 1; std::filesystem::exists(folder); ++k)
+        folder = parent / (std::string(name) + "-" + std::to_string(k));
+    return folder;
+}
+
+// The window of one alarm: kept as a case folder, the answer beside it.
+Status diagnose_window(const DiagnoseOptions& options, const StreamWindow& window, std::int64_t onset_us) {
+    const auto before_us = static_cast<std::int64_t>(1e6 * options.before_s);
+    TERES_TRY_ASSIGN(Case c, window.cut(onset_us - before_us, kLiveFrames));
+    const std::filesystem::path folder = folder_of_now(options.folder);
+    c.name = folder.filename().string();
+    TERES_TRY(write_case(c, folder));
+    std::fprintf(stderr, "%s: %d frames, %.1f s; diagnosing\n", folder.c_str(), c.num_frames,
+                 c.dt_s * (c.num_frames - 1));
+    DiagnoseOptions one = options;
+    one.cases = {folder.string()};
+    one.json_file = folder / "gap.json";
+    one.report_folder = folder / "report";
+    TERES_TRY(diagnose(one));
+    return {};
+}
+
+// Waits for alarms of the service. What comes while a window is worked on is let pass: the bus never waits for anybody.
+int diagnose_live(const DiagnoseOptions& options) {
+    auto config = read_offline_settings(options.settings);
+    if (!config) return report(config.error());
+    const bool told = !options.settings.config_file.empty();  // the service's own settings
+    const std::string url = told ? config->service().bus_url : options.url,
+                      folder = options.cases.empty() ? config->service().case_folder.string() : options.cases.front();
+    if (folder.empty())
+        return report({ErrorKind::kInvalidInput,
+                       "diagnose --live: no CASE is given and service.case of --config does not name one"});
+    if (url.starts_with("memq://"))
+        return report({ErrorKind::kInvalidInput,
+                       "diagnose --live: memq:// cannot be heard from outside its process; "
+                       "set service.bus_url to udpm://..."});
+    auto base = read_case(folder);
+    if (!base) return report(base.error());
+    auto bus = Bus::open(url);
+    if (!bus) return report(bus.error());
+    StreamWindow window(std::move(*base), options.before_s + 2.0 * options.after_s);
+    std::optional<std::int64_t> onset_us;  // of the alarm that is waited out
+    bool alarmed = false;
+    const auto hear = [&](const char* channel, auto message, auto take) {
+        return bus->subscribe(
+            channel, kMaxMessageBytes,
+            [message, take](std::string_view, std::span<const std::uint8_t> data, std::int64_t) mutable {
+                if (message.decode(data.data(), 0, static_cast<int>(data.size())) >= 0) take(message);
+            });
+    };
+    for (const Status& heard : {hear("MARKERS", markers_t{}, [&](const markers_t& m) { window.add(m); }),
+                                hear("TOOL_LOADS", tool_loads_t{}, [&](const tool_loads_t& m) { window.add(m); }),
+                                hear("GAP", gap_t{}, [&](const gap_t& m) {
+                                    if (m.alarm != 0 && !alarmed) onset_us = m.onset_stamp_us;
+                                    alarmed = m.alarm != 0;
+                                })})
+        if (!heard) return report(heard.error());
+    const StopSignals signals;
+    const auto after_us = static_cast<std::int64_t>(1e6 * options.after_s);
+    std::fprintf(stderr, "waiting for alarms of GAP on %s; Ctrl-C ends\n", url.c_str());
+    while (!signals.stop()) {
+        if (bus->dispatch(100) < 0) return report({ErrorKind::kHostFault, "bus " + url + " failed"});
+        if (!onset_us || window.newest_us() < *onset_us + after_us) continue;
+        if (const Status done = diagnose_window(options, window, *std::exchange(onset_us, std::nullopt)); !done)
+            report(done.error());
+        const std::int64_t until_us = monotonic_us() + 100'000;  // what has piled up is old
+        while (monotonic_us() < until_us && bus->dispatch(0) > 0) {
+        }
+        onset_us.reset();
+    }
+    return kDone;
+}
+
 }  // namespace
 
 void add_diagnose_command(CLI::App& app, int& exit_code) {
@@ -174,13 +269,18 @@ void add_diagnose_command(CLI::App& app, int& exit_code) {
         "  teres diagnose --plan CASE                         # before recording: what could this reveal, what not?\n"
         "  teres diagnose CASE1 CASE2                         # one body: named on CASE1, predicted on CASE2\n"
         "  teres diagnose CASE --exclude viscoelasticity      # with an effect withheld from the catalogue\n"
+        "  teres diagnose --live CASE -o /var/lib/teres/gaps   # waits for alarms of the service, diagnoses each "
+        "window\n"
         "`none` (nothing beyond the floor) and `unknown` (no effect of the catalogue) are answers too.\n"
         "Exit code 1: a diagnosis cannot be made (the reason is printed); 2: a case, an effect or a setting is wrong.",
         [options] {
+            if (options->live) return diagnose_live(*options);
+            if (options->cases.empty())
+                return report({ErrorKind::kInvalidInput, "diagnose: no CASE is given; see teres diagnose --help"});
             const Result<int> code = diagnose(*options);
             return code ? *code : report(code.error());
         });
-    verb->add_option("case", options->cases, "Case folders (teres-case-1) of one body")->required()->type_name("CASE");
+    verb->add_option("case", options->cases, "Case folders (teres-case-1) of one body")->type_name("CASE");
     verb->add_option("--json", options->json_file, "Write the diagnosis as JSON (teres-gap-1)")->type_name("FILE");
     verb->add_option("--report", options->report_folder, "Write a report: index.html, its data as CSV, pictures")
         ->type_name("DIR");
@@ -196,6 +296,21 @@ void add_diagnose_command(CLI::App& app, int& exit_code) {
         ->capture_default_str();
     verb->add_option("--cache", options->cache_folder, "Folder for what is computed once per body; \"\": none")
         ->type_name("DIR")
+        ->capture_default_str();
+    verb->add_flag(
+        "--live", options->live,
+        "Wait for alarms of GAP on the bus; keep each window as a case folder, its answer and report beside it");
+    verb->add_option("-o,--output", options->folder, "--live: folder of the windows and their reports")
+        ->type_name("DIR")
+        ->capture_default_str();
+    verb->add_option("--url", options->url, "--live: LCM URL of the bus, where no --config names it")
+        ->envname("LCM_DEFAULT_URL")
+        ->capture_default_str();
+    verb->add_option("--before", options->before_s, "--live: [s] of the window before the onset")
+        ->check(CLI::Range(1.0, 600.0))
+        ->capture_default_str();
+    verb->add_option("--after", options->after_s, "--live: [s] after it")
+        ->check(CLI::Range(0.5, 600.0))
         ->capture_default_str();
     add_settings_options(*verb, options->settings);
 }

@@ -120,6 +120,15 @@ Status write_tables(const Json& j, const Residuals& r, const std::vector<double>
         text += std::to_string(m["marker_id"].get<int>()) + format(",%.5g\n", value(m["share"]));
     TERES_TRY(write_text_file(folder / "markers.csv", text));
 
+    text = "effect,x_m,y_m,z_m,explained\n";
+    for (const auto& map : j["maps"])
+        for (std::size_t k = 0; k < map["explained"].size(); ++k) {
+            text += map["effect"].get<std::string>();
+            for (std::size_t a = 0; a < 3; ++a) text += format(",%.6g", value(map["center_m"][3 * k + a]));
+            text += format(",%.4g\n", value(map["explained"][k]));
+        }
+    TERES_TRY(write_text_file(folder / "place_maps.csv", text));
+
     text = "node_id,largest_gap_mm\n";
     for (std::size_t n = 0; n < gap.size(); ++n)
         text += std::to_string(j["surface"]["node_id"][n].get<int>()) + format(",%.4g\n", 1e3 * gap[n]);

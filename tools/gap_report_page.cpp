@@ -27,7 +27,8 @@ small,.note{color:#5c6b7a}.heat td{padding:2px 4px;font-size:11px;text-align:cen
 <div><button id="play">play</button> <input type="range" id="time" min="0" value="0" style="width:420px"> <span id="now"></span></div>
 <div><label><input type="radio" name="shape" value="before" checked> nominal</label>
 <label><input type="radio" name="shape" value="after"> with the named effects</label>
-<small>drag to turn, wheel to zoom</small></div></div>
+<small>drag to turn, wheel to zoom</small></div>
+<div><label>colour: <select id="colour"></select></label></div></div>
 <div><canvas id="scale" width="260" height="44"></canvas>
 <p class="note" id="legend"></p><h2>Markers: share of the gap</h2><canvas id="shares" width="420" height="170"></canvas></div></div></section>
 <section><h2>Observed minus simulated over time</h2><canvas id="residuals" width="1100" height="260"></canvas>
@@ -67,8 +68,13 @@ function nodeGap(f){const g=new Float32Array(N),B=S.before[f],A=S.after[f];
 const gaps=[];let top_=0;for(let f=0;f<F;f++){gaps.push(nodeGap(f));for(const v of gaps[f])if(v>top_)top_=v}
 const peak=top_||1e-9;
 
+// maps of places: share of the gap that an effect there would explain by first order, spread over the surface
+const MAPS=(D.maps||[]).map(m=>{const v=new Float32Array(N),X=S.before[0];
+ for(let n=0;n<N;n++){let w=0,s=0;for(let k=0;k<m.explained.length;k++){let d=1e-6;for(let a=0;a<3;a++)d+=(U*X[3*n+a]-m.center_m[3*k+a])**2;w+=1/d/d;s+=m.explained[k]/d/d}v[n]=Math.max(0,s/w)}
+ return{effect:m.effect,value:v,top:Math.max(1e-9,...m.explained)}});
+
 // viewer: orthographic, painter's order
-const view={yaw:.5,pitch:.3,zoom:1,frame:0,shape:"before"};
+const view={yaw:.5,pitch:.3,zoom:1,frame:0,shape:"before",map:-1};
 let lo=[1e9,1e9,1e9],hi=[-1e9,-1e9,-1e9];
 if(F)for(let n=0;n<N;n++)for(let a=0;a<3;a++){const v=U*S.before[0][3*n+a];lo[a]=Math.min(lo[a],v);hi[a]=Math.max(hi[a],v)}
 const mid=lo.map((v,a)=>(v+hi[a])/2),size=Math.hypot(...lo.map((v,a)=>hi[a]-v))||1;
@@ -76,13 +82,13 @@ function project(p){const cy=Math.cos(view.yaw),sy=Math.sin(view.yaw),cp=Math.co
  const x=p[0]-mid[0],y=p[1]-mid[1],z=p[2]-mid[2],x1=cy*x+sy*z,z1=-sy*x+cy*z,y2=cp*y-sp*z1,z2=sp*y+cp*z1,k=view.zoom*480/size;
  return [310+k*x1,235-k*y2,z2]}
 function draw(){const c=$("body").getContext("2d");c.clearRect(0,0,620,470);if(!F)return;
- const X=S[view.shape][view.frame],g=gaps[view.frame],P=[];
+ const X=S[view.shape][view.frame],map=MAPS[view.map],g=map?map.value:gaps[view.frame],full=map?map.top:peak,P=[];
  for(let n=0;n<N;n++)P.push(project([U*X[3*n],U*X[3*n+1],U*X[3*n+2]]));
  const order=[];for(let t=0;t<S.triangle.length;t+=3){const a=P[S.triangle[t]],b=P[S.triangle[t+1]],d=P[S.triangle[t+2]];
   const nx=(b[1]-a[1])*(d[2]-a[2])-(b[2]-a[2])*(d[1]-a[1]),ny=(b[2]-a[2])*(d[0]-a[0])-(b[0]-a[0])*(d[2]-a[2]),nz=(b[0]-a[0])*(d[1]-a[1])-(b[1]-a[1])*(d[0]-a[0]);
   order.push([a[2]+b[2]+d[2],t,Math.abs(nz)/(Math.hypot(nx,ny,nz)||1)])}
  order.sort((p,q)=>p[0]-q[0]);
- for(const[,t,light]of order){const i=S.triangle[t],j=S.triangle[t+1],k=S.triangle[t+2],v=(g[i]+g[j]+g[k])/3/peak,s=.55+.45*light;
+ for(const[,t,light]of order){const i=S.triangle[t],j=S.triangle[t+1],k=S.triangle[t+2],v=(g[i]+g[j]+g[k])/3/full,s=.55+.45*light;
   c.fillStyle=c.strokeStyle=rgb(ramp(v).map(q=>q*s));c.beginPath();c.moveTo(P[i][0],P[i][1]);c.lineTo(P[j][0],P[j][1]);c.lineTo(P[k][0],P[k][1]);c.closePath();c.fill();c.stroke()}
  const key=view.shape==="before"?"before_m":"after_m";
  for(let m=0;m<M;m++){const at=3*(view.frame*M+m),q=project([0,1,2].map(a=>D.markers[key][at+a])),y=D.markers.observed_m[at];
@@ -100,10 +106,15 @@ body.onpointermove=e=>{if(!last)return;view.yaw+=(e.clientX-last[0])*.01;view.pi
 body.onpointerup=()=>{last=null};body.onwheel=e=>{e.preventDefault();view.zoom*=Math.exp(-e.deltaY*.001);draw()};
 let worst=0,most=-1;for(let f=0;f<F;f++){let s=0;for(const v of gaps[f])s+=v*v;if(s>most){most=s;worst=f}}
 view.frame=worst;slider.value=worst;
-{const c=$("scale").getContext("2d");for(let x=0;x<240;x++){c.fillStyle=rgb(ramp(x/240));c.fillRect(10+x,4,1,14)}
- c.fillStyle="#1d2733";c.fillText("0",8,34);c.fillText(num(1e3*peak,1)+" mm",205,34)}
-$("legend").textContent=(named&&!sensor?"Colour: how far the named effects move the body. ":"Colour: marker distances spread over the surface. ")+
- "White dots: observed markers, the line ends where the shown simulation has them."+(D.where.center_m?" Ring: place of the cause.":"")+(D.attachment?" Green: prior ligament region.":"")+" Data: surface_gap.csv, markers.csv.";
+function legend(){const map=MAPS[view.map],c=$("scale").getContext("2d");c.clearRect(0,0,260,44);
+ for(let x=0;x<240;x++){c.fillStyle=rgb(ramp(x/240));c.fillRect(10+x,4,1,14)}
+ c.fillStyle="#1d2733";c.fillText("0",8,34);c.fillText(map?num(100*map.top,0)+" %":num(1e3*peak,1)+" mm",205,34);
+ $("legend").textContent=(map?"Colour: share of the gap that "+map.effect+" at this place would explain, by first order. ":
+  named&&!sensor?"Colour: how far the named effects move the body. ":"Colour: marker distances spread over the surface. ")+
+ "White dots: observed markers, the line ends where the shown simulation has them."+(D.where.center_m?" Ring: place of the cause.":"")+(D.attachment?" Green: prior ligament region.":"")+" Data: surface_gap.csv, place_maps.csv, markers.csv."}
+$("colour").innerHTML="<option value=-1>gap</option>"+MAPS.map((m,k)=>`<option value=${k}>${esc(m.effect)}: places that explain the gap</option>`).join("");
+$("colour").onchange=e=>{view.map=+e.target.value;legend();draw()};
+legend();
 
 // charts
 function axes(c,w,h,x0,x1,y1,xl,yl){c.strokeStyle="#8b98a5";c.fillStyle="#43505c";c.beginPath();c.moveTo(50,10);c.lineTo(50,h-30);c.lineTo(w-10,h-30);c.stroke();

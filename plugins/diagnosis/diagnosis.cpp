@@ -18,6 +18,8 @@ constexpr double kOutOfReach = 15.0;  // nats between a fitted cause and the scr
 constexpr double kFarTheta = 1.5;     // prior standard deviations from the prior at which a refit starts at most
 constexpr double kLeastExplained = 0.02;  // of the nominal cost, by first order: less is not worth a fit
 constexpr double kLeastEarly = 0.1;       // ... of the cost of the beginning of a dynamic recording
+constexpr std::size_t kPlaces = 3;        // from which the best answer is fitted
+constexpr double kApart = 0.12;           // their least distance, share of the extent of all
 constexpr double kLateRatio =
     3.0;  // mean square of the unfitted end over that of the fitted part: something happens late
 
@@ -230,6 +232,25 @@ Screening try_beginnings(Problem& problem, const Fit& base, const Cause* known, 
     return screening;
 }
 
+// A place is found by descent, which ends in the nearest hollow: the best answer starts from other places as well.
+void try_other_places(Problem& problem, const Fit& nominal, const Cause* known, const Screening& screening,
+                      Cause& cause) {
+    const auto screened = std::find_if(screening.effects.begin(), screening.effects.end(),
+                                       [&](const auto& e) { return e.entry == cause.entries.back(); });
+    if (!cause.fit.usable || screened == screening.effects.end() || screened->places.empty()) return;
+    const EffectEntry& entry = problem.simulator.effects()[screened->entry];
+    const double apart_m = kApart * extent_m(screened->places);
+    for (const PlaceGain& place : best_places(screened->places, kPlaces, apart_m)) {
+        const auto found = centre_of(entry, cause.fit.at.effects.back()), begun = centre_of(entry, screened->start);
+        if ((place.centre_m - *found).norm() < apart_m || place.centre_m == *begun) continue;
+        EffectScreening there = *screened;
+        there.start = place.start;
+        Cause other = refit(problem, nominal, known, there, 6);
+        if (other.fit.usable && other.fit.cost < cause.fit.cost) cause = std::move(other);
+    }
+    score(problem, nominal, known, cause);
+}
+
 // Screens all effects on top of `known` (null: nothing) and refits the best.
 std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* known, Screening& screening) {
     const DiagnosisOptions& options = problem.options;
@@ -281,6 +302,7 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* kno
             causes.push_back(std::move(cause));
         }
     std::stable_sort(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) { return a.score > b.score; });
+    try_other_places(problem, nominal, known, screening, causes.front());
     for (std::size_t k = 0; k < causes.size() && k < kPolished; ++k) {
         if (!causes[k].fit.usable) continue;
         Fit better = problem.fit(causes[k].fit.at, 6);

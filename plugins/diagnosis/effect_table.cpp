@@ -4,6 +4,19 @@
 
 namespace teres {
 
+const double* value_of(const EffectEntry& entry, const ActiveEffect& effect, std::string_view name) {
+    for (std::size_t p = 0; p < entry.parameters.size(); ++p)
+        if (name == entry.parameters[p].name) return &effect.values[p];
+    return nullptr;
+}
+
+std::optional<Eigen::Vector3d> centre_of(const EffectEntry& entry, const ActiveEffect& effect) {
+    const double *x = value_of(entry, effect, "center_x"), *y = value_of(entry, effect, "center_y"),
+                 *z = value_of(entry, effect, "center_z");
+    if (x == nullptr || y == nullptr || z == nullptr) return std::nullopt;
+    return Eigen::Vector3d(*x, *y, *z);
+}
+
 EffectTable::EffectTable(const TrajectoryModel& mechanics, const ObservationModel* sensors,
                          std::span<const char* const> excluded)
     : mechanics_(mechanics), sensors_(sensors) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Dense>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -26,6 +27,11 @@ struct ActiveEffect {
     std::vector<double> values;
     bool operator==(const ActiveEffect&) const = default;
 };
+
+/// Value of a parameter by its name, or null.
+const double* value_of(const EffectEntry& entry, const ActiveEffect& effect, std::string_view name);
+/// (center_x, center_y, center_z) [m, body frame]; nothing if the effect has no place.
+std::optional<Eigen::Vector3d> centre_of(const EffectEntry& entry, const ActiveEffect& effect);
 
 /// What is held to be true of the body and the sensors.
 struct Assumption {

@@ -219,6 +219,20 @@ std::string report_json(const Diagnosis& d, const EffectTable& effects, const Tr
             {"summary", effects[e].info.summary}, {"kind", effects[e].info.kind}, {"family", effects[e].info.family}};
     json["catalogue"] = std::move(summaries);
 
+    // Where each effect would have to be to explain the gap: stiffness map, force map.
+    json["maps"] = Json::array();
+    for (const EffectScreening& effect : d.screening.effects) {
+        if (effect.places.empty()) continue;
+        Json centres = Json::array(), explained = Json::array();
+        for (const PlaceGain& place : effect.places) {
+            for (const double x : place.centre_m) centres.push_back(std::round(1e6 * x) / 1e6);
+            explained.push_back(std::round(1e4 * place.explained) / 1e4);
+        }
+        json["maps"].push_back({{"effect", effects[effect.entry].info.id},
+                                {"center_m", std::move(centres)},
+                                {"explained", std::move(explained)}});
+    }
+
     // 0.1 mm is finer than a pixel of any picture.
     const auto tenths = [](double metres) { return std::lround(1e4 * metres); };
     Json times = Json::array(), triangles = Json::array();

@@ -71,12 +71,6 @@ std::optional<std::array<double, 3>> force_map(Simulator& simulator, const White
     return place;
 }
 
-const double* value_of(const EffectEntry& entry, const ActiveEffect& effect, std::string_view name) {
-    for (std::size_t p = 0; p < entry.parameters.size(); ++p)
-        if (name == entry.parameters[p].name) return &effect.values[p];
-    return nullptr;
-}
-
 }  // namespace
 
 Where locate(Simulator& simulator, const Whitener& whitener, const Recording& recording, const Fit& nominal,
@@ -98,10 +92,9 @@ Where locate(Simulator& simulator, const Whitener& whitener, const Recording& re
         for (std::size_t k = 0; k < named->entries.size(); ++k) {
             const EffectEntry& entry = table[named->entries[k]];
             const ActiveEffect& effect = named->fit.at.effects[k];
-            const double *x = value_of(entry, effect, "center_x"), *y = value_of(entry, effect, "center_y"),
-                         *z = value_of(entry, effect, "center_z"), *radius = value_of(entry, effect, "radius"),
-                         *onset = value_of(entry, effect, "onset");
-            if (!where.center_m && x != nullptr && y != nullptr && z != nullptr) where.center_m = {*x, *y, *z};
+            const double *radius = value_of(entry, effect, "radius"), *onset = value_of(entry, effect, "onset");
+            const auto centre = centre_of(entry, effect);
+            if (!where.center_m && centre) where.center_m = {centre->x(), centre->y(), centre->z()};
             if (where.radius_m == 0.0 && radius != nullptr) where.radius_m = *radius;
             if (!where.onset_s && onset != nullptr) where.onset_s = *onset;
         }

@@ -55,7 +55,48 @@ double share_value(const EffectParameter& p, double candidate, double share) {
     return std::max(share, kLeastShare) * candidate;
 }
 
+// A candidate with the shares `a` of its amplitudes.
+ActiveEffect scaled(const EffectEntry& entry, const ActiveEffect& full, const std::vector<std::size_t>& amplitude,
+                    const Eigen::VectorXd& a) {
+    ActiveEffect out = full;
+    for (std::size_t i = 0; i < amplitude.size(); ++i) {
+        const EffectParameter& p = entry.parameters[amplitude[i]];
+        const double share = std::clamp(a(static_cast<Eigen::Index>(i)), -4.0, 4.0);
+        out.values[amplitude[i]] = std::clamp(share_value(p, full.values[amplitude[i]], share), p.lower, p.upper);
+    }
+    return out;
+}
+
+// Keeps the best candidate of each place.
+void take_place(std::vector<PlaceGain>& places, const std::optional<Eigen::Vector3d>& centre, PlaceGain gain) {
+    if (!centre) return;
+    gain.centre_m = *centre;
+    const auto same =
+        std::find_if(places.begin(), places.end(), [&](const PlaceGain& p) { return p.centre_m == *centre; });
+    if (same == places.end())
+        places.push_back(std::move(gain));
+    else if (gain.score > same->score)
+        *same = std::move(gain);
+}
+
 }  // namespace
+
+double extent_m(const std::vector<PlaceGain>& places) {
+    Eigen::AlignedBox3d box;
+    for (const PlaceGain& place : places) box.extend(place.centre_m);
+    return box.isEmpty() ? 0.0 : box.diagonal().norm();
+}
+
+std::vector<PlaceGain> best_places(std::vector<PlaceGain> places, std::size_t count, double apart_m) {
+    std::stable_sort(places.begin(), places.end(), [](const auto& a, const auto& b) { return a.score > b.score; });
+    std::vector<PlaceGain> chosen;
+    for (PlaceGain& place : places)
+        if (chosen.size() < count && std::none_of(chosen.begin(), chosen.end(), [&](const PlaceGain& c) {
+                return (c.centre_m - place.centre_m).norm() < apart_m;
+            }))
+            chosen.push_back(std::move(place));
+    return chosen;
+}
 
 double tail_price(const Eigen::VectorXd& a) {
     return 0.5 * (kTailDegrees + static_cast<double>(a.size())) * std::log1p(a.squaredNorm() / kTailDegrees);
@@ -155,16 +196,13 @@ Screening screen(const Simulator& simulator, const Signatures& signatures, const
             const double score = -0.5 * calibration.nu * std::log(floor.above(cost) / floor.above(out.cost_null)) -
                                  tail_price(a) - occam;
             scores.push_back(score);
+            const double explained = 1.0 - cost / out.cost_null;
+            const ActiveEffect start = scaled(table[e], full, amplitude, a);
+            take_place(effect.places, centre_of(table[e], full), {{}, score, explained, start});
             if (score > best) {
                 best = score;
-                effect.explained = 1.0 - cost / out.cost_null;
-                effect.start = full;
-                for (std::size_t i = 0; i < amplitude.size(); ++i) {
-                    const std::size_t p = amplitude[i];
-                    const double share = std::clamp(a(static_cast<Eigen::Index>(i)), -4.0, 4.0);
-                    effect.start.values[p] = std::clamp(share_value(table[e].parameters[p], full.values[p], share),
-                                                        table[e].parameters[p].lower, table[e].parameters[p].upper);
-                }
+                effect.explained = explained;
+                effect.start = start;
             }
         }
         if (scores.empty()) continue;

@@ -10,6 +10,7 @@
 #pragma once
 
 #include <Eigen/Dense>
+#include <Eigen/Geometry>
 #include <vector>
 
 #include "plugins/diagnosis/error_floor.h"
@@ -17,12 +18,20 @@
 
 namespace teres {
 
+/// The best candidate of an effect at one place of its search grid.
+struct PlaceGain {
+    Eigen::Vector3d centre_m;
+    double score = 0.0, explained = 0.0;  ///< as in EffectScreening
+    ActiveEffect start;
+};
+
 struct EffectScreening {
     std::size_t entry = 0;
-    double score = 0.0;        ///< ln of the mean over candidates of exp(score) [nats]
-    double search_cost = 0.0;  ///< best candidate's score minus `score`
-    double explained = 0.0;    ///< share of cost_0 that the best candidate takes away
-    ActiveEffect start;        ///< best candidate with fitted amplitudes
+    double score = 0.0;             ///< ln of the mean over candidates of exp(score) [nats]
+    double search_cost = 0.0;       ///< best candidate's score minus `score`
+    double explained = 0.0;         ///< share of cost_0 that the best candidate takes away
+    ActiveEffect start;             ///< best candidate with fitted amplitudes
+    std::vector<PlaceGain> places;  ///< map over the body; empty for effects without a place
     std::size_t num_candidates = 0;
     double visibility = 0.0;    ///< S of the best-visible candidate: chi^2 at one prior standard deviation
     Eigen::MatrixXd signature;  ///< (I + J J^T)^-1/2-weighted columns of the best-visible candidate, for overlaps
@@ -54,6 +63,11 @@ struct Signatures {
 /// `base` is the simulator's base (last simulate()); `skip`: entries already named.
 Signatures signatures(Simulator& simulator, const Fit& base, const std::vector<std::size_t>& skip,
                       const Simulator::Progress& progress);
+
+/// Diagonal of the box around the places [m].
+double extent_m(const std::vector<PlaceGain>& places);
+/// The best places of an effect, each at least `apart_m` from the better ones.
+std::vector<PlaceGain> best_places(std::vector<PlaceGain> places, std::size_t count, double apart_m);
 
 /// num_frames: only so many frames from the first count (all: that of the simulator). A phase that runs away is first
 /// order at the beginning only.

@@ -9,7 +9,7 @@ fail() { echo "FAILED: $*"; status=1; }
 skip() { echo "SKIPPED LOUDLY: $*"; }
 
 if command -v systemd-analyze >/dev/null; then
-    for unit in teres teres-multicast teres-firewall teres-bridge@ teres-record; do
+    for unit in teres teres-multicast teres-firewall teres-bridge@ teres-record teres-diagnose; do
         # The program and the rules where they are now, not where the package puts them.
         sed -e "s#/usr/bin/teres#$program#" -e "s#/usr/sbin/nft#$(command -v nft || echo /bin/true)#" \
             "$source/config/appliance/$unit.service" >"$work/$unit.service"
@@ -17,7 +17,7 @@ if command -v systemd-analyze >/dev/null; then
         said=$(systemd-analyze verify --man=no "$work/$unit.service" 2>&1) || fail "verify $unit"
         [ -z "$said" ] || fail "verify $unit: $said"
     done
-    for unit in teres teres-bridge@ teres-record; do
+    for unit in teres teres-bridge@ teres-record teres-diagnose; do
         systemd-analyze security --offline=true --threshold=20 "$work/$unit.service" >"$work/said" ||
             fail "exposure of $unit: $(tail -1 "$work/said")"
         tail -1 "$work/said"
