@@ -38,6 +38,7 @@ Json sample(const TetMeshData& mesh) {
       "next_experiment":"track the instruments",
       "ladder":[{"effects":[],"fitted_rms_mm":4.2,"heldout_rms_mm":4.0},{"effects":["unknown_load"],"fitted_rms_mm":0.5,"heldout_rms_mm":0.4}],
       "transfers":[],
+      "maps":[{"effect":"extra_attachment","center_m":[0.0,0.015,0.03,0.1,0.015,0.03],"explained":[0.05,0.62]}],
       "identifiability":{"effects":["gravity","unknown_load"],"visibility_chi2":[100.0,4000.0],"visible":[false,true],
         "overlap":[[1.0,0.2],[0.4,1.0]],"inseparable":[],"not_in_question":[{"effect":"cut","why":"excluded on request"}]},
       "catalogue":{"unknown_load":{"summary":"another tool","kind":"load","family":"unknown_load"},"gravity":{"summary":"tilt","kind":"load","family":"gravity"}}})");
@@ -98,6 +99,7 @@ TEST(GapReport, IsOneFileWithTablesAndPicturesBesideIt) {
     EXPECT_NE(residuals.find("1,3.5355,0.35355"), std::string::npos) << residuals;
     EXPECT_NE(text_of(folder / "causes.csv").find("unknown_load,0.91,0.97"), std::string::npos);
     EXPECT_NE(text_of(folder / "surface_gap.csv").find(",5\n"), std::string::npos);
+    EXPECT_NE(text_of(folder / "place_maps.csv").find("extra_attachment,0.1,0.015,0.03,0.62\n"), std::string::npos);
     for (const char* picture : {"residuals.png", "causes.png", "surface_gap.png"})
         EXPECT_FALSE(cv::imread((folder / picture).string()).empty()) << picture;
 }
@@ -145,6 +147,7 @@ TEST(GapReport, IsDrawnByHeadlessChromium) {
     EXPECT_NE(dom.output.find("another tool"), std::string::npos) << "the table of answers is filled by the script";
     EXPECT_NE(dom.output.find("85.0 % to 94.0 %"), std::string::npos);
     EXPECT_NE(dom.output.find("Not in question: cut"), std::string::npos);
+    EXPECT_NE(dom.output.find("extra_attachment: places that explain the gap"), std::string::npos);
 }
 
 }  // namespace
