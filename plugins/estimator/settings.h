@@ -23,7 +23,7 @@ struct EstimatorSettings {
     double default_marker_sigma_m = 0.0005;
     double relative_model_error = 0.05;
     double model_error_sigma_m = 0.0003;
-    double model_error_correlation_s = 0.0;
+    double model_error_correlation_s = 2.0;
     double accepted_residual = 1e-2;
     double stale_after_s = 0.5;
     int max_queue = 2;

@@ -77,9 +77,10 @@ Backdrop backdrop_of(const cv::Mat& grey, const cv::Mat& log_view, const cv::Rec
 
 // A pixel that the dot covers in part touches one that it fills.
 bool touches(const cv::Mat& labels, int label, int u, int v) {
-    for (int dv = -1; dv <= 1; ++dv)
-        for (int du = -1; du <= 1; ++du)
-            if (labels.at<int>(v + dv, u + du) == label) return true;
+    const cv::Rect around = cv::Rect(u - 1, v - 1, 3, 3) & cv::Rect(0, 0, labels.cols, labels.rows);
+    for (int row = around.y; row < around.y + around.height; ++row)
+        for (int column = around.x; column < around.x + around.width; ++column)
+            if (labels.at<int>(row, column) == label) return true;
     return false;
 }
 
