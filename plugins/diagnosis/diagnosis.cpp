@@ -302,7 +302,7 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* kno
             causes.push_back(std::move(cause));
         }
     std::stable_sort(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) { return a.score > b.score; });
-    try_other_places(problem, nominal, known, screening, causes.front());
+    if (!causes.empty()) try_other_places(problem, nominal, known, screening, causes.front());
     for (std::size_t k = 0; k < causes.size() && k < kPolished; ++k) {
         if (!causes[k].fit.usable) continue;
         Fit better = problem.fit(causes[k].fit.at, 6);
