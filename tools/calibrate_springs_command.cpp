@@ -126,6 +126,11 @@ Result<int> calibrate_springs(CalibrateOptions& o) {
         std::printf(
             "  edge nodes to %.0f %% strain: mean %.2f mm, 95 %% %.2f mm, largest %.2f mm; at full load %.2f mm\n",
             100.0 * sheet.strain, r.mean_error_mm, r.p95_error_mm, r.max_error_mm, r.last_error_mm);
+        if (r.law.g1 > 0.0)
+            std::printf(
+                "  in the simulation: --set simulation.spring_g1=%.4g --set simulation.spring_g2=%.4g --set "
+                "simulation.spring_g3=%.4g\n",
+                r.law.g1, r.law.g2, r.law.g3);
         std::printf("  sheet of %zu wedges %.2f s, springs %.2f ms: %.0f times faster\n", truth.elements, truth.seconds,
                     1e3 * r.seconds, truth.seconds / r.seconds);
     }

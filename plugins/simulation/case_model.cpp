@@ -85,6 +85,7 @@ Result<std::unique_ptr<CaseModel>> CaseModel::make(const Case& c, const CaseMode
             if (entry.probability >= settings.fixed_probability)
                 parts.held[static_cast<std::size_t>(entry.node_id)] = 1;
     } else if (!c.ligament_prior.empty() && c.ligament) {
+        TERES_TRY(check_spring_law(settings.ligament.spring_law));
         m->ligament_ = make_ligament(m->mesh_, c.ligament_prior, *c.ligament, settings.ligament);
         parts.tethers = m->ligament_.tethers;
         for (std::size_t g = 0; g < m->ligament_.groups.size(); ++g) {

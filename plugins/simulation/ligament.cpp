@@ -102,7 +102,7 @@ void add_band(const TetMesh& mesh, double shear_ratio, const std::vector<double>
 constexpr double kDiagonalShare = 0.5;  // of a layer's stiffness along the normal
 
 void add_springs(const TetMesh& mesh, const LigamentData& data, const std::vector<double>& weight,
-                 const std::vector<double>& group_weight, Ligament& ligament) {
+                 const std::vector<double>& group_weight, const std::array<double, 3>& g, Ligament& ligament) {
     std::map<NodeIndex, std::size_t> entry;
     std::vector<Vector3d> X, n;
     for (std::size_t i = 0; i < ligament.node.size(); ++i) {
@@ -117,9 +117,10 @@ void add_springs(const TetMesh& mesh, const LigamentData& data, const std::vecto
                 if (a != b && entry.contains(a) && entry.contains(b)) around[entry[a]].insert(entry[b]);
     std::vector<std::vector<std::size_t>> neighbours;
     for (const auto& set : around) neighbours.emplace_back(set.begin(), set.end());
-    // a layer of height h/2 stretched by d/2: 2 (d/2 + 4/h^2 (d/2)^3) = d + d^3/h^2
+    // a layer of height h/2 stretched by delta = d/2, weight 2: 2 (k2 delta + k1 delta^2 + k0 delta^3) = h phi(d/h)
     const double h = data.height_m;
-    const auto fans = make_fans(X, n, ligament.node, neighbours, h, kDiagonalShare, {4.0 / (h * h), 0.0, 1.0});
+    const auto fans =
+        make_fans(X, n, ligament.node, neighbours, h, kDiagonalShare, {4.0 * g[2] / (h * h), 2.0 * g[1] / h, g[0]});
     for (std::size_t i = 0; i < fans.size(); ++i) {
         Tether t;
         t.kind = Tether::Kind::kFan;
@@ -132,6 +133,18 @@ void add_springs(const TetMesh& mesh, const LigamentData& data, const std::vecto
 }
 
 }  // namespace
+
+Status check_spring_law(const std::array<double, 3>& g) {
+    for (double e = 0.0; e <= 1.0; e += 0.01) {
+        const double slope = g[0] + 2.0 * g[1] * e + 3.0 * g[2] * e * e;
+        if (!(slope > 0.0))
+            return invalid_input("simulation.spring_g1, g2, g3 = " + std::to_string(g[0]) + ", " +
+                                 std::to_string(g[1]) + ", " + std::to_string(g[2]) +
+                                 ": the tension does not grow at a strain of " + std::to_string(e) + " (slope " +
+                                 std::to_string(slope) + ", must be above 0)");
+    }
+    return {};
+}
 
 Ligament make_ligament(const TetMesh& mesh, const std::vector<NodeProbability>& prior, const LigamentData& data,
                        const LigamentSettings& settings) {
@@ -170,7 +183,7 @@ Ligament make_ligament(const TetMesh& mesh, const std::vector<NodeProbability>& 
     const bool strings =
         settings.model == "cubic_springs" || (settings.model == "auto" && data.law == LigamentLaw::kCubicSpring);
     if (strings)
-        add_springs(mesh, data, weight, group_weight, ligament);
+        add_springs(mesh, data, weight, group_weight, settings.spring_law, ligament);
     else
         add_band(mesh, settings.shear_ratio > 0.0 ? settings.shear_ratio : band_shear_ratio(data), weight, group_weight,
                  ligament);

@@ -15,13 +15,15 @@
 //   cubic_springs   two layers of springs that pull and never push, extruded along the normal over the region
 //                   (spring_fan.h): between the surface, a free layer at X + h/2 n and the far edge X + h n, each
 //                   node joined to its own column and to those of its mesh neighbours, which take up shear. A
-//                   column stretched by d along n pulls with theta w (d + d^3/h^2)
+//                   column stretched by d along n pulls with theta w h phi(d/h)
 #pragma once
 
+#include <array>
 #include <string>
 #include <vector>
 
 #include "core/case/case.h"
+#include "core/result.h"
 #include "plugins/simulation/tet_mesh.h"
 #include "plugins/simulation/tether.h"
 
@@ -34,6 +36,8 @@ struct LigamentSettings {
     double attached_share = 0.2;    ///< tau
     double shear_ratio = 0.0;       ///< r of tether.h; 0: from the band's proportions
     std::string model = "auto";     ///< auto (law of the case), band, cubic_springs
+    /// cubic_springs: g1, g2, g3 of a spring's tension over E A / L, phi(e) = g1 e + g2 e^2 + g3 e^3, e its strain.
+    std::array<double, 3> spring_law{1.0, 0.0, 1.0};
 };
 
 struct LigamentGroup {
@@ -52,6 +56,9 @@ struct Ligament {
     std::vector<std::int32_t> group;  ///< per node
     std::vector<double> probability;  ///< atlas, per node
 };
+
+/// phi grows up to e = 1, and from the start. Errors: kInvalidInput, with the strain at which it does not.
+Status check_spring_law(const std::array<double, 3>& g);
 
 Ligament make_ligament(const TetMesh& mesh, const std::vector<NodeProbability>& prior, const LigamentData& data,
                        const LigamentSettings& settings);

@@ -21,6 +21,7 @@ struct SimulationSettings {
     double ligament_log_stdev = 1.2;
     double attached_share = 0.2;
     double band_shear_ratio = 0.0;
+    double spring_g1 = 1.0, spring_g2 = 0.0, spring_g3 = 1.0;
     std::string integrator = "auto";
     double spectral_radius = 0.9;
     double relative_residual = 1e-4;
@@ -61,6 +62,10 @@ struct SimulationSettings {
               "a group counts as attached above this share of the full stiffness");
         field("band_shear_ratio", band_shear_ratio, {0.0, 2.0},
               "tangential over normal stiffness of a band; 0: from its proportions");
+        field("spring_g1", spring_g1, {0.0, 100.0},
+              "cubic springs: tension over E A / L is g1 e + g2 e^2 + g3 e^3 at strain e (teres calibrate-springs)");
+        field("spring_g2", spring_g2, {-100.0, 100.0}, "the coefficient of e^2");
+        field("spring_g3", spring_g3, {-100.0, 1000.0}, "the coefficient of e^3");
         field("integrator", integrator, "auto|quasi_static|implicit_euler|generalised_alpha",
               "auto: as case.json says");
         field("spectral_radius", spectral_radius, {0.0, 1.0}, "generalised alpha: 1 no numerical damping, 0 strongest");
@@ -114,8 +119,13 @@ struct SimulationSettings {
         m.law = law;
         m.boundary = boundary;
         m.fixed_probability = fixed_probability;
-        m.ligament = {num_groups,     min_probability,  ligament_log_stdev,
-                      attached_share, band_shear_ratio, ligament_model};
+        m.ligament = {num_groups,
+                      min_probability,
+                      ligament_log_stdev,
+                      attached_share,
+                      band_shear_ratio,
+                      ligament_model,
+                      {spring_g1, spring_g2, spring_g3}};
         m.equilibrium.relative_residual = relative_residual;
         m.equilibrium.max_iterations = max_iterations;
         m.equilibrium.refactorise_after = refactorise_after;

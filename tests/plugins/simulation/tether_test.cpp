@@ -101,6 +101,33 @@ TEST(Ligament, GroupsCarryTheAtlasProbability) {
     }
 }
 
+// A column of its own, by hand: theta h (g1 e + g2 e^2 + g3 e^3), e = d / h; the hold of the free layer is 0.1 % of it.
+TEST(Ligament, ColumnPullsByTheCalibratedLaw) {
+    Case c = block_with_prior();
+    c.ligament_prior.resize(1);
+    const TetMesh mesh = *TetMesh::make(c.mesh);
+    constexpr double kHeight = 0.025, kTheta = 50.0;
+    const LigamentData data{LigamentLaw::kCubicSpring, 1e5, 0.45, kHeight, 0.02, 0.0};
+    LigamentSettings s;
+    s.spring_law = {1.03, -1.20, 1.18};
+    const Ligament ligament = make_ligament(mesh, c.ligament_prior, data, s);
+    ASSERT_EQ(ligament.tethers.size(), 1u);
+    const Tether& t = ligament.tethers[0];
+    const Vector3d X = mesh.X.col(t.node), n = mesh.node_normal.col(t.node);
+    for (const double e : {0.1, 0.3, 0.6}) {
+        const double pull = evaluate(t, X - e * kHeight * n, kTheta).gradient.dot(-n);
+        EXPECT_NEAR(pull, kTheta * kHeight * (1.03 * e - 1.20 * e * e + 1.18 * e * e * e), 4e-3 * pull) << e;
+    }
+}
+
+TEST(Ligament, LawThatSoftensIsRefusedWithTheStrain) {
+    EXPECT_TRUE(check_spring_law({1.03, -1.20, 1.18}));
+    const Status refused = check_spring_law({1.0, -1.0, 0.0});  // slope 1 - 2 e
+    ASSERT_FALSE(refused);
+    EXPECT_NE(refused.error().text.find("strain of 0.5"), std::string::npos) << refused.error().text;
+    EXPECT_FALSE(check_spring_law({0.0, 6.0, 1.7}));
+}
+
 TEST(Ligament, QuantileInvertsTheNormalDistribution) {
     for (const double z : {-3.0, -1.0, 0.0, 0.5, 2.5})
         EXPECT_NEAR(normal_quantile(0.5 * std::erfc(-z / std::sqrt(2.0))), z, 1e-9);
