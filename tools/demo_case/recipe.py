@@ -1,13 +1,12 @@
 """The demo recording from the shape to the case folder: mesh, true band, loads, CalculiX, markers, files."""
 
+import dataclasses
 import pathlib
 
 import numpy as np
 
 from . import band, calculix, improve, loads, mesh, sampling, shape, writer
 
-FRAMES, DT = 41, 0.2
-TIMES = np.round(np.arange(FRAMES) * DT, 6)
 SHEAR_MODULUS, ALPHA, POISSON = 7210.0, 0.88, 0.49  # liver, one-term Ogden
 BULK_MODULUS = 2.0 * SHEAR_MODULUS * (1.0 + POISSON) / (3.0 * (1.0 - 2.0 * POISSON))
 YOUNGS_MODULUS = 2.0 * SHEAR_MODULUS * (1.0 + POISSON)
@@ -20,27 +19,43 @@ PRIOR = band.Band(x0=0.020, tilt=0.0, width=0.020, theta0_deg=-25.0, theta1_deg=
 TRUTH = band.Band(x0=0.026, tilt=0.010, width=0.023, theta0_deg=0.0, theta1_deg=90.0, height=0.025,
                   youngs_modulus_pa=78e3, poissons_ratio=0.48)
 
-# Edge lengths [m] as Gmsh expressions: finer about the band. `fine` scales the truth's mesh.
-_GRADED = "{near}+({far}-{near})*(1-Exp(-((x-0.024)^2)/(2*0.035^2)-(0.5*(Abs(z+0.005)-z-0.005))^2/(2*0.02^2)))"
-CASE_SIZE = _GRADED.format(near=0.0095, far=0.0145)
 
 
-def truth_size(fine):
-    return _GRADED.format(near=0.0055 * fine, far=0.0095 * fine)
+@dataclasses.dataclass
+class Recipe:
+    name: str = "demo"
+    truth: band.Band = dataclasses.field(default_factory=lambda: TRUTH)
+    fine: float = 1.8  # factor on the truth's edge lengths
+    layers: int = 2  # elements over the band's height
+    case_scale: float = 1.0  # factor on the edge lengths of the case's mesh
+    frames: int = 41
+    duration: float = 8.0  # [s]
+
+    def times(self):
+        return np.round(np.arange(self.frames) * (self.duration / (self.frames - 1)), 6)
+
+
+def edge_length(near, far):
+    """[m] as a Gmsh expression: finer about the band."""
+    graded = "{near}+({far}-{near})*(1-Exp(-((x-0.024)^2)/(2*0.035^2)-(0.5*(Abs(z+0.005)-z-0.005))^2/(2*0.02^2)))"
+    return graded.format(near=near, far=far)
 
 
 class Truth:
     """The true organ with its band as quadratic tetrahedra."""
 
-    def __init__(self, points, faces, fine, layers, work):
-        nodes, tets = mesh.tetrahedralise(points, faces, truth_size(fine), work / "truth_mesh")
+    def __init__(self, points, faces, recipe, work):
+        self.recipe = recipe
+        size = edge_length(near=0.0055 * recipe.fine, far=0.0095 * recipe.fine)
+        nodes, tets = mesh.tetrahedralise(points, faces, size, work / "truth_mesh")
         self.nodes = improve.improve(nodes, tets)
         self.tets = tets
         self.surface = mesh.boundary_triangles(tets)
         centroid = self.nodes[self.surface].mean(axis=1)
-        self.strip = self.surface[TRUTH.contains(centroid)]
+        self.strip = self.surface[recipe.truth.contains(centroid)]
         normals = mesh.vertex_normals(self.nodes, self.surface)
-        new, self.band_tets, self.far = band.extrude(self.nodes, self.strip, normals, TRUTH.height, layers)
+        new, self.band_tets, self.far = band.extrude(self.nodes, self.strip, normals, recipe.truth.height,
+                                                   recipe.layers)
         corners = np.concatenate([self.nodes, new])
         self.all_nodes, ten, self.mid = mesh.quadratic(corners, np.concatenate([tets, self.band_tets]))
         self.liver10, self.band10 = ten[:len(tets)], ten[len(tets):]
@@ -48,8 +63,9 @@ class Truth:
         far = set(int(i) for i in self.far)
         self.fixed = np.array(sorted(far) + sorted(i for pair, i in self.mid.items() if far.issuperset(pair)))
 
-    def solve(self, forces, folder, threads, times=TIMES):
-        """Displacements of all nodes at `times`, and facts about the solution."""
+    def solve(self, forces, folder, threads):
+        """Displacements of all nodes at the recipe's times, and facts about the solution."""
+        times, ligament = self.recipe.times(), self.recipe.truth
         folder.mkdir(parents=True, exist_ok=True)
         regions = []
         for name, centre, radius in loads.PATCHES:
@@ -57,7 +73,7 @@ class Truth:
                                                        radius, self.mid)))
         calculix.write_input(folder / "truth.inp", self.all_nodes, [
             ("LIVER", self.liver10, calculix.ogden_card(SHEAR_MODULUS, ALPHA, BULK_MODULUS)),
-            ("BAND", self.band10, calculix.neo_hookean_card(TRUTH.youngs_modulus_pa, TRUTH.poissons_ratio)),
+            ("BAND", self.band10, calculix.neo_hookean_card(ligament.youngs_modulus_pa, ligament.poissons_ratio)),
         ], self.fixed, regions, times, forces)
         seconds = calculix.run(folder, "truth", threads)
         found = calculix.read_displacements(folder / "truth.frd", len(self.all_nodes))
@@ -87,24 +103,26 @@ def to_surface(nodes, triangles, point):
     return nodes[ids[np.linalg.norm(nodes[ids] - np.array(point), axis=1).argmin()]]
 
 
-def make(out, work, fine, layers, threads):
+def make(out, work, recipe, threads):
+    ligament, times = recipe.truth, recipe.times()
     out, work = pathlib.Path(out), pathlib.Path(work)
     out.mkdir(parents=True, exist_ok=True)
     points, faces = shape.surface()
 
-    case_nodes, case_tets = mesh.tetrahedralise(points, faces, CASE_SIZE, work / "case_mesh")
+    size = edge_length(near=0.0095 * recipe.case_scale, far=0.0145 * recipe.case_scale)
+    case_nodes, case_tets = mesh.tetrahedralise(points, faces, size, work / "case_mesh")
     case_nodes = np.round(improve.improve(case_nodes, case_tets), 6)
     case_surface = mesh.boundary_triangles(case_tets)
     surface_ids = np.unique(case_surface)
 
-    truth = Truth(points, faces, fine, layers, work)
-    forces = loads.forces(TIMES)
+    truth = Truth(points, faces, recipe, work)
+    forces = loads.forces(times)
     u, solver = truth.solve(forces, work / "solve", threads)
 
     # Markers ride on quadratic faces of the truth, validation points in its quadratic tetrahedra.
     band_surface = mesh.boundary_triangles(truth.band_tets)
     chosen, l = sampling.markers(truth.nodes, truth.surface, truth.corners[len(truth.nodes):], band_surface,
-                                 lambda p: TRUTH.contains(p) | (PRIOR.prior_probability(p) > 0.3), CAMERA, 14, seed=11)
+                                 lambda p: ligament.contains(p) | (PRIOR.prior_probability(p) > 0.3), CAMERA, 14, seed=11)
     marker_rest = np.einsum("ij,ijk->ik", l, truth.nodes[truth.surface[chosen]])
     marker_tet, marker_l = mesh.locate(truth.nodes, truth.tets, marker_rest)
     point_rest = sampling.interior(case_nodes, case_tets, truth.nodes[np.unique(truth.surface)], 0.008, 50, seed=12)
@@ -119,24 +137,24 @@ def make(out, work, fine, layers, threads):
                for name, centre, radius in loads.PATCHES]
     prior = PRIOR.prior_probability(case_nodes[surface_ids])
     keep = np.round(prior, 4) >= 0.005
-    attached = surface_ids[TRUTH.contains(case_nodes[surface_ids])]
+    attached = surface_ids[ligament.contains(case_nodes[surface_ids])]
 
     writer.mesh_vtk(out / "mesh.vtk", case_nodes, case_tets)
     writer.probabilities(out / "ligament_prior.csv", surface_ids[keep], prior[keep])
     writer.load_nodes(out / "load_nodes.csv", regions)
-    writer.loads(out / "loads.csv", TIMES, [r[0] for r in regions], forces)
+    writer.loads(out / "loads.csv", times, [r[0] for r in regions], forces)
     writer.points(out / "markers_rest.csv", "marker_id", marker_rest)
     writer.points(out / "validation_rest.csv", "point_id", point_rest)
-    writer.positions(out / "observations.csv", "marker_id", TIMES, observed)
-    writer.positions(out / "validation.csv", "point_id", TIMES, point_true)
-    writer.document(out / "case.json", _case())
+    writer.positions(out / "observations.csv", "marker_id", times, observed)
+    writer.positions(out / "validation.csv", "point_id", times, point_true)
+    writer.document(out / "case.json", _case(recipe))
     quality = mesh.radius_ratios(case_nodes, case_tets)
     strip = truth.nodes[truth.strip]
     area = 0.5 * np.linalg.norm(np.cross(strip[:, 1] - strip[:, 0], strip[:, 2] - strip[:, 0]), axis=1).sum()
     rms = lambda d: round(1e3 * float(np.sqrt((d ** 2).sum(axis=-1).mean())), 3)
     writer.document(out / "truth.json", {
         "label": "none", "effects": [],
-        "ligament": dict(TRUTH.__dict__, law="neo_hookean", attachment_node_ids=[int(i) for i in attached],
+        "ligament": dict(ligament.__dict__, law="neo_hookean", attachment_node_ids=[int(i) for i in attached],
                          strip_area_m2=round(area, 6)),
         "prior_ligament": dict(PRIOR.__dict__),
         "case_mesh": {"nodes": len(case_nodes), "tets": len(case_tets), "min_radius_ratio": round(quality.min(), 3),
@@ -149,11 +167,11 @@ def make(out, work, fine, layers, threads):
     return solver
 
 
-def _case():
+def _case(recipe):
     return {
-        "format": "teres-case-1", "name": "demo",
+        "format": "teres-case-1", "name": recipe.name,
         "frame": "x to the patient's left, y up (cranial), z to the front; origin at the centre of the bounding box",
-        "time": {"frames": FRAMES, "dt_s": DT, "quasi_static": True},
+        "time": {"frames": recipe.frames, "dt_s": float(recipe.times()[1]), "quasi_static": True},
         "body": {"law": "ogden", "shear_modulus_pa": SHEAR_MODULUS, "alpha": ALPHA,
                  "bulk_modulus_pa": round(BULK_MODULUS, 1), "youngs_modulus_pa": round(YOUNGS_MODULUS, 1),
                  "poissons_ratio": POISSON, "density_kg_m3": 1060.0,
