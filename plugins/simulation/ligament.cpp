@@ -135,7 +135,8 @@ void add_springs(const TetMesh& mesh, const LigamentData& data, const std::vecto
 }  // namespace
 
 Status check_spring_law(const std::array<double, 3>& g) {
-    for (double e = 0.0; e <= 1.0; e += 0.01) {
+    for (int percent = 0; percent <= 100; ++percent) {
+        const double e = 0.01 * percent;
         const double slope = g[0] + 2.0 * g[1] * e + 3.0 * g[2] * e * e;
         if (!(slope > 0.0))
             return invalid_input("simulation.spring_g1, g2, g3 = " + std::to_string(g[0]) + ", " +
