@@ -1,10 +1,10 @@
 #include "core/session.h"
 
 #include <algorithm>
-#include <ctime>
 #include <set>
 
 #include "core/clock.h"
+#include "core/dated_path.h"
 #include "core/log.h"
 
 namespace teres {
@@ -72,16 +72,6 @@ Status check_other_sections(const Config& config, const std::set<std::string>& u
         TERES_TRY(config.resolve(section, std::span(factory->settings, factory->num_settings)));
     }
     return {};
-}
-
-// `session-%Y%m%d-%H%M%S.lcm` with the local time.
-std::filesystem::path dated(const std::filesystem::path& pattern) {
-    const std::time_t now = std::time(nullptr);
-    std::tm local{};
-    localtime_r(&now, &local);
-    char text[4096];
-    const std::size_t size = std::strftime(text, sizeof(text), pattern.c_str(), &local);
-    return size > 0 ? std::filesystem::path(std::string(text, size)) : pattern;
 }
 
 struct LoadedUnits {

@@ -2,7 +2,6 @@
 // closes. --live: the same of what the service's alarm points at.
 #include <algorithm>
 #include <cstdio>
-#include <ctime>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -14,6 +13,7 @@
 #include "core/case/text_file.h"
 #include "core/case/text_writer.h"
 #include "core/clock.h"
+#include "core/dated_path.h"
 #include "core/service.h"
 #include "teres/gap_t.hpp"
 #include "tools/commands.h"
@@ -177,16 +177,11 @@ Result<int> diagnose(const DiagnoseOptions& options) {
     return kDone;
 }
 
-// gaps/20261121-201500 (UTC), -1, -2, ... if it is there already.
+// gaps/20261121-201500, -1, -2, ... if it is there already.
 std::filesystem::path folder_of_now(const std::filesystem::path& parent) {
-    const std::time_t now = std::time(nullptr);
-    std::tm parts{};
-    gmtime_r(&now, &parts);
-    char name[32];
-    std::strftime(name, sizeof name, "%Y%m%d-%H%M%S", &parts);
-    std::filesystem::path folder = parent / name;
-    for (int k = 1; std::filesystem::exists(folder); ++k)
-        folder = parent / (std::string(name) + "-" + std::to_string(k));
+    const std::filesystem::path first = parent / dated("%Y%m%d-%H%M%S");
+    std::filesystem::path folder = first;
+    for (int k = 1; std::filesystem::exists(folder); ++k) folder = first.string() + "-" + std::to_string(k);
     return folder;
 }
 

@@ -2,13 +2,13 @@
 #include <unistd.h>
 
 #include <cstdio>
-#include <ctime>
 #include <memory>
 #include <optional>
 #include <utility>
 
 #include "core/bus.h"
 #include "core/clock.h"
+#include "core/dated_path.h"
 #include "core/recorder.h"
 #include "core/service.h"
 #include "teres/pedal_t.hpp"
@@ -29,14 +29,6 @@ struct RecordOptions {
     bool pedal = false;
     bool force = false;
 };
-
-std::string dated(const std::string& pattern) {
-    const std::time_t now = std::time(nullptr);
-    std::tm parts{};
-    localtime_r(&now, &parts);
-    char name[4096];
-    return std::strftime(name, sizeof name, pattern.c_str(), &parts) > 0 ? name : pattern;
-}
 
 // One log for each time between two steps on a pedal whose action is `record`; dated names unless -o holds a date
 // itself.
@@ -83,7 +75,7 @@ int record(const RecordOptions& options) {
                        "record: memq:// cannot be heard from outside its process; use service.record_to in "
                        "the settings of the service"});
     RecorderSettings settings;
-    settings.file = options.file.empty() ? dated("teres-%Y%m%d-%H%M%S.lcm") : options.file;
+    settings.file = options.file.empty() ? dated("teres-%Y%m%d-%H%M%S.lcm") : std::filesystem::path(options.file);
     settings.split_mb = options.split_mb;
     settings.keep = options.keep;
     settings.max_mb = options.max_mb;
