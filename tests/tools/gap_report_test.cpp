@@ -9,6 +9,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <sstream>
 
+#include "tests/support/browser.h"
 #include "tests/support/program.h"
 #include "tests/support/synthetic_case.h"
 #include "tests/support/test_data.h"
@@ -117,9 +118,8 @@ TEST(GapReport, VerdictSaysNoneAndUnknownInPlainWords) {
 
 // What a browser draws: the body in colour, and tables filled by the script.
 TEST(GapReport, IsDrawnByHeadlessChromium) {
-    const char* browser = "/usr/bin/chromium";
-    if (!std::filesystem::exists(browser))
-        GTEST_SKIP() << "SKIPPED LOUDLY: no " << browser << " (apt install chromium)";
+    const char* browser = test::Browser::kProgram;
+    if (!test::Browser::installed()) GTEST_SKIP() << "SKIPPED LOUDLY: no " << browser << " (apt install chromium)";
     const test::ScratchFolder scratch;
     const TetMeshData mesh = test::block_mesh({0.10, 0.03, 0.03}, {10, 3, 3});
     ASSERT_TRUE(write_gap_report(sample(mesh).dump(), mesh, {}, scratch.path()));
