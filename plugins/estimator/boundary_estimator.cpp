@@ -253,6 +253,13 @@ VectorXd BoundaryEstimator::observability() const {
     return (1.0 - covariance_.diagonal().array() / map_.prior_stdev().array().square()).max(0.0).min(1.0);
 }
 
+double BoundaryEstimator::stated_stdev(Index i, double filter_variance) const {
+    if (!(model_->parameter(static_cast<std::size_t>(i)).attachment_threshold > 0.0)) return std::sqrt(filter_variance);
+    const double prior = map_.prior_stdev()(i), unresolved = options_.unresolved_share * prior;
+    const double observed = std::max(0.0, 1.0 - filter_variance / (prior * prior));
+    return std::sqrt(filter_variance + unresolved * unresolved * observed);
+}
+
 void BoundaryEstimator::attachment_probabilities(std::vector<double>& out) const {
     attachment_.probabilities(theta_, covariance_.diagonal().cwiseSqrt(), out);
 }

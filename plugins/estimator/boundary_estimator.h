@@ -12,6 +12,12 @@
 // leaves it out becomes too sure. It is not white either: with correlation time T, frames dt apart are worth
 //     (1 - r)/(1 + r), r = exp(-dt/T)     independent ones (mean of an AR(1) series),
 // so its variance counts (1 + r)/(1 - r) times in the correction, but once in gate and NIS.
+//
+// A ligament holds with a part of a group's nodes; the group has one stiffness. Seen from the markers a half attached
+// group and a softer whole one are alike, so its stiffness is known less well than the filter thinks: with s0 the
+// prior's deviation and u = unresolved_share,
+//     stated variance = s^2 + (u s0)^2 (1 - s^2/s0^2)           never above the prior's.
+// Only what is stated to others; the filter's own covariance stays as it is.
 #pragma once
 
 #include <Eigen/Dense>
@@ -45,6 +51,7 @@ struct BoundaryEstimatorOptions {
     double relative_model_error = 0.05;
     double model_error_sigma_m = 0.0003;
     double model_error_correlation_s = 0.0;
+    double unresolved_share = 0.0;
     double accepted_residual = 1e-2;
 };
 
@@ -99,6 +106,8 @@ class BoundaryEstimator {
     const Eigen::MatrixXd& covariance() const { return covariance_; }  ///< filter coordinates
     const Eigen::MatrixXd& predicted_covariance() const { return predicted_covariance_; }
     Eigen::VectorXd observability() const;  ///< 1 - variance / prior variance, in [0, 1]
+    /// Standard deviation of parameter i in filter coordinates, with what a group does not resolve.
+    double stated_stdev(Eigen::Index i, double filter_variance) const;
     const AttachmentMap& attachment() const { return attachment_; }
     const std::vector<std::int32_t>& attachment_nodes() const { return attachment_.node_ids(); }
     void attachment_probabilities(std::vector<double>& out) const;

@@ -144,7 +144,7 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
             const auto k = static_cast<std::size_t>(i);
             const double variance = smoothed.covariance(i, i), prior = map.prior_stdev()(i);
             mean[k] = map.to_physical(i, smoothed.mean(i));
-            stdev[k] = map.physical_stdev(i, smoothed.mean(i), std::sqrt(variance));
+            stdev[k] = map.physical_stdev(i, smoothed.mean(i), estimator_->stated_stdev(i, variance));
             observability[k] = std::clamp(1.0 - variance / (prior * prior), 0.0, 1.0);
         }
     }
@@ -316,7 +316,7 @@ class EstimatorPlugin final : public Unit, public OfflineEstimate {
         for (Eigen::Index i = 0; i < theta.size(); ++i) {
             const auto k = static_cast<std::size_t>(i);
             estimate_.mean[k] = map.to_physical(i, theta(i));
-            estimate_.stdev[k] = map.physical_stdev(i, theta(i), std::sqrt(P(i, i)));
+            estimate_.stdev[k] = map.physical_stdev(i, theta(i), estimator_->stated_stdev(i, P(i, i)));
             estimate_.observability[k] = observability(i);
             estimate_.filter_mean[k] = theta(i);
             for (Eigen::Index j = 0; j <= i; ++j, ++entry) {

@@ -17,6 +17,7 @@ Result<BoundaryEstimatorOptions> EstimatorSettings::options() const {
     o.relative_model_error = relative_model_error;
     o.model_error_sigma_m = model_error_sigma_m;
     o.model_error_correlation_s = model_error_correlation_s;
+    o.unresolved_share = unresolved_share;
     o.accepted_residual = accepted_residual;
     return o;
 }

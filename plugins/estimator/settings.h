@@ -24,6 +24,7 @@ struct EstimatorSettings {
     double relative_model_error = 0.05;
     double model_error_sigma_m = 0.0003;
     double model_error_correlation_s = 2.0;
+    double unresolved_share = 0.75;
     double accepted_residual = 1e-2;
     double stale_after_s = 0.5;
     int max_queue = 2;
@@ -62,6 +63,9 @@ struct EstimatorSettings {
         field("model_error_sigma_m", model_error_sigma_m, {0.0, 0.1}, "model error of a marker at rest [m]");
         field("model_error_correlation_s", model_error_correlation_s, {0.0, 1e4},
               "correlation time of the model error: frames closer than this count as one; 0: white");
+        field("unresolved_share", unresolved_share, {0.0, 1.0},
+              "a ligament holds with some nodes of a group only: spread added to the stated stiffness of an observed "
+              "group, as a share of the prior's");
         field("accepted_residual", accepted_residual, {1e-12, 1.0},
               "a simulation that ends with a larger relative residual corrects nothing");
         field("stale_after_s", stale_after_s, {0.01, 3600.0},

@@ -8,9 +8,11 @@
 #include <cstdio>
 #include <cstdlib>
 #include <random>
+#include <string>
 
 #include "plugins/estimator/boundary_estimator.h"
 #include "plugins/estimator/probability.h"
+#include "plugins/estimator/settings.h"
 #include "plugins/simulation/case_model.h"
 #include "tools/bench_scene.h"
 
@@ -23,6 +25,7 @@ using Eigen::VectorXd;
 constexpr double kLogStiffness = 0.4;  // of the drawn ligaments' modulus
 constexpr double kFieldLength_m = 0.04;
 constexpr int kFrames = 60;
+constexpr unsigned kFirstSeed = 2000;  // unresolved_share was chosen on 1000 to 1024
 
 int num_draws() {
     const char* text = std::getenv("TERES_CONSISTENCY_DRAWS");
@@ -121,7 +124,7 @@ Tally run(Truth kind, BodyLaw true_law, const BoundaryEstimatorOptions& options,
     const Case c = scene(BodyLaw::kStVK);
     Tally tally;
     for (int draw = 0; draw < draws; ++draw) {
-        std::mt19937 random(static_cast<unsigned>(1000 + draw));
+        std::mt19937 random(kFirstSeed + static_cast<unsigned>(draw));
         std::normal_distribution<double> normal;
         auto model = *CaseModel::make(c, model_settings());
         const std::size_t num_groups = model->num_parameters();
@@ -179,7 +182,7 @@ Tally run(Truth kind, BodyLaw true_law, const BoundaryEstimatorOptions& options,
         tally.observability.resize(model->num_parameters(), 0.0);
         for (std::size_t g = 0; g < model->num_parameters(); ++g) {
             const auto i = static_cast<Eigen::Index>(g);
-            const double s = std::sqrt(estimator.covariance()(i, i)), mean = estimator.theta()(i);
+            const double s = estimator.stated_stdev(i, estimator.covariance()(i, i)), mean = estimator.theta()(i);
             const double low = estimator.parameters().to_physical(i, mean - 1.96 * s),
                          high = estimator.parameters().to_physical(i, mean + 1.96 * s);
             const double threshold = model->parameter(g).attachment_threshold, true_value = group_truth[g];
@@ -222,21 +225,23 @@ TEST(Consistency, IntervalsAndNisAreRightWhereTheModelIs) {
 }
 
 // Strips of the atlas cut through groups, and the body follows another law: errors of the model, correlated in time.
+// The service's own settings must state intervals that hold; without their two terms they do not (both printed).
 TEST(Consistency, IntervalsUnderModelError) {
+    const BoundaryEstimatorOptions service = *EstimatorSettings{}.options();
+    BoundaryEstimatorOptions white = service;
+    white.model_error_correlation_s = white.unresolved_share = 0.0;
     std::printf(kHeader);
-    for (const double correlation_s : {0.0, 1.0, 4.0})
-        for (const BodyLaw law : {BodyLaw::kStVK, BodyLaw::kOgden}) {
-            if (num_draws() < 10 && (correlation_s == 1.0 || law == BodyLaw::kStVK)) continue;
-            BoundaryEstimatorOptions options;
-            options.model_error_correlation_s = correlation_s;
-            const Tally t = run(Truth::kStrips, law, options, num_draws());
-            char name[80];
-            std::snprintf(name, sizeof name, "strips, %s, T = %g s", law == BodyLaw::kStVK ? "same body" : "Ogden body",
-                          correlation_s);
-            print(name, t);
-            EXPECT_GT(t.coverage(), 0.4);  // falls short of 95 %: only that it gets no worse than this
-            EXPECT_LT(t.mean_nis(), 1.5);
-        }
+    for (const BodyLaw law : {BodyLaw::kStVK, BodyLaw::kOgden}) {
+        const std::string body = law == BodyLaw::kStVK ? "strips, same body" : "strips, Ogden body";
+        if (num_draws() >= 10)
+            print((body + ", white model error, groups resolved").c_str(),
+                  run(Truth::kStrips, law, white, num_draws()));
+        const Tally t = run(Truth::kStrips, law, service, num_draws());
+        print((body + ", the service's settings").c_str(), t);
+        // 90-98 % is asked for; of a share of 90 % these few draws show less than this once in 100 seeds.
+        EXPECT_GE(t.coverage(), binomial_quantile_share(0.01, static_cast<int>(t.independent), 0.90));
+        EXPECT_LE(t.mean_nis(), 1.5);
+    }
 }
 
 }  // namespace
