@@ -183,7 +183,19 @@ Json to_json(const Diagnosis& d, const EffectTable& effects, const TrajectoryMod
                         {"cost_named", named != nullptr ? Json(named->fit.cost / used) : Json(nullptr)},
                         {"discrepancy_runs", d.discrepancy.runs},
                         {"discrepancy_columns", d.discrepancy.columns.cols()},
-                        {"discrepancy_remainder_mm", 1e3 * d.discrepancy.remainder_m}};
+                        {"discrepancy_remainder_mm", 1e3 * d.discrepancy.remainder_m},
+                        {"noise_cost", d.error_floor.noise / used},
+                        {"model_cost", d.error_floor.model / used},
+                        {"fits", Json::array()}};
+    for (const Cause& cause : d.verdict.causes)
+        if (cause.fit.usable)
+            json["evidence"]["fits"].push_back({{"effects", names(effects, cause.entries)},
+                                                {"cost", cause.misfit / used},
+                                                {"score", cause.score},
+                                                {"tail_nats", cause.price.tail},
+                                                {"occam_nats", cause.price.occam},
+                                                {"search_nats", cause.price.search},
+                                                {"further_nats", cause.price.further}});
     return json;
 }
 

@@ -5,7 +5,7 @@
 
 namespace teres {
 
-double refit_score(const Fit& nominal, const Cause& cause, const EffectTable& effects, const ErrorFloor& floor,
+double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects, const ErrorFloor& floor,
                    const Calibration& calibration) {
     // Scaled coordinates and columns of the amplitudes; place and time have been paid for by the search.
     const Fit& fit = cause.fit;
@@ -20,11 +20,12 @@ double refit_score(const Fit& nominal, const Cause& cause, const EffectTable& ef
     const Eigen::MatrixXd J = fit.J.leftCols(theta), G = fit.J(Eigen::all, amplitude);
     const Eigen::MatrixXd H = Eigen::MatrixXd::Identity(theta, theta) + J.transpose() * J;
     const Eigen::MatrixXd S = G.transpose() * G - G.transpose() * J * H.ldlt().solve(J.transpose() * G);
-    const double occam = occam_price(calibration.nu / floor.above(fit.cost) * S, cause.entries.size());
-    const double misfit = fit.cost - fit.u.tail(fit.u.size() - theta).squaredNorm();
-    return -0.5 * calibration.nu * std::log(floor.above(misfit) / floor.above(nominal.cost)) -
-           tail_price(fit.u(amplitude)) - occam - cause.search_cost -
-           calibration.further_effect * static_cast<double>(cause.entries.size() - 1);
+    cause.price = {tail_price(fit.u(amplitude)),
+                   occam_price(calibration.nu / floor.above(fit.cost) * S, cause.entries.size()), cause.search_cost,
+                   calibration.further_effect * static_cast<double>(cause.entries.size() - 1)};
+    cause.misfit = fit.cost - fit.u.tail(fit.u.size() - theta).squaredNorm();
+    return -0.5 * calibration.nu * std::log(floor.above(cause.misfit) / floor.above(nominal.cost)) -
+           cause.price.total();
 }
 
 double explained_share(double cost_null, double cost, const ErrorFloor& floor) {

@@ -16,11 +16,22 @@
 
 namespace teres {
 
+/// What a fitted cause pays [nats].
+struct Price {
+    double tail = 0.0;     ///< far amplitudes
+    double occam = 0.0;    ///< amplitudes that had to be fitted
+    double search = 0.0;   ///< places and times that were tried
+    double further = 0.0;  ///< effects beyond the first
+    double total() const { return tail + occam + search + further; }
+};
+
 /// A set of effects that was fitted (or only screened).
 struct Cause {
     std::vector<std::size_t> entries;
     Fit fit;                   ///< of the refit; not usable if only screened
     double search_cost = 0.0;  ///< sum over its effects
+    double misfit = 0.0;       ///< of a fitted cause: whitened cost without the price of its amplitudes
+    Price price{};             ///< of a fitted cause
     double score = 0.0;
     double probability = 0.0;
     double explained = 0.0;  ///< share of the cost above the floor that it takes away
@@ -32,8 +43,8 @@ struct Verdict {
     double unknown_probability = 0.0;
 };
 
-/// Score of a refitted cause against the nominal fit.
-double refit_score(const Fit& nominal, const Cause& cause, const EffectTable& effects, const ErrorFloor& floor,
+/// Score of a refitted cause against the nominal fit; fills misfit and price.
+double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects, const ErrorFloor& floor,
                    const Calibration& calibration);
 /// Share of the nominal cost above the floor explained by `cost`.
 double explained_share(double cost_null, double cost, const ErrorFloor& floor);
