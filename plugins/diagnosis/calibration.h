@@ -6,14 +6,14 @@ namespace teres {
 struct Calibration {
     /// Effective number of independent samples in a recording: residuals are structured model error, so that the
     /// likelihood counts as that of nu samples, not of thousands (a raw evidence is always certain, and mostly wrong).
-    double nu = 25.0;
+    double nu = 45.0;
     /// Bonus of the answer `none` [nats].
     double none_bonus = 3.0;
     /// Prior cost of every effect beyond the first [nats].
     double further_effect = 3.0;
     /// `unknown` is a cause that would leave the floor and this share of what is above it ...
     double unknown_share = 0.1;
-    /// ... at this price [nats], about what the shape and size of a catalogue cause cost.
+    /// ... at the price of the best cause, and at least this [nats].
     double unknown_price = 6.0;
     /// Whitened cost per used number that remains on controls beyond the stated noise: of any body, and of one whose
     /// other models differ, as a share of that difference (error_floor.h).

@@ -37,8 +37,13 @@ Verdict judge(std::vector<Cause> causes, double cost_null, const ErrorFloor& flo
     Verdict verdict;
     const double reached = std::min(floor.total(), cost_null);
     const double rest = reached + calibration.unknown_share * (cost_null - reached);
-    const double unknown =
-        -0.5 * calibration.nu * std::log(floor.above(rest) / floor.above(cost_null)) - calibration.unknown_price;
+    // As costly to describe as the best named cause: what decides is how much each leaves.
+    const auto best = std::max_element(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) {
+        return (a.fit.usable ? a.score : -1e9) < (b.fit.usable ? b.score : -1e9);
+    });
+    const double price =
+        std::max(calibration.unknown_price, best != causes.end() && best->fit.usable ? best->price.total() : 0.0);
+    const double unknown = -0.5 * calibration.nu * std::log(floor.above(rest) / floor.above(cost_null)) - price;
     double top = std::max(calibration.none_bonus, unknown);
     for (const Cause& cause : causes) top = std::max(top, cause.score);
     double sum = std::exp(calibration.none_bonus - top) + std::exp(unknown - top);

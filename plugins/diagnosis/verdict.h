@@ -1,8 +1,10 @@
 // From fitted hypotheses to probabilities. One scale-free score per answer [nats], a softmax over all answers:
 //
 //     none:      bonus
-//     cause c:   -(nu/2) ln(above_c / above_0) - tail(a) - search_c - 1/2 ln|I + (nu/above_c) S_c| - price of further
-//     effects unknown:   -(nu/2) ln(rest / above_0) - price,   rest = above the floor + share of what is beyond it
+//     cause c:   -(nu/2) ln(above_c / above_0) - price_c,
+//                price_c = tail(a) + search_c + 1/2 ln|I + (nu/above_c) S_c| + that of further effects
+//     unknown:   -(nu/2) ln(rest / above_0) - price,   rest = above the floor + share of what is beyond it,
+//                price = that of the best cause: an effect that nobody thought of is not simpler than those one did
 //
 // above: cost beyond the stated noise (error_floor.h).
 #pragma once
