@@ -156,6 +156,8 @@ void add_blindtest_command(CLI::App& app, int& exit_code) {
     verb->add_option("--effects", o.plan.effects, "Only these, separated by commas (`none`: a control)")
         ->delimiter(',')
         ->type_name("ID,ID");
+    verb->add_flag("--static", o.plan.quasi_static,
+                   "Without the cases that have inertia (their diagnosis takes ten times as long)");
     verb->add_option("--seed", o.plan.seed, "Same seed, same cases")->capture_default_str();
     verb->add_option("--shard", o.shard, "Part i of n, i from 0")->type_name("I/N")->capture_default_str();
     verb->add_option("--out", o.out, "Folder of the test")->type_name("DIR")->capture_default_str();

@@ -77,6 +77,7 @@ Result<std::vector<CaseSpec>> plan_cases(const PlanOptions& options) {
         std::snprintf(name, sizeof name, "c%04zu", i);
         all[i].name = name;
     }
+    if (options.quasi_static) std::erase_if(all, [](const CaseSpec& spec) { return spec.dynamic; });
     const std::size_t n = all.size(), shards = static_cast<std::size_t>(options.shards),
                       shard = static_cast<std::size_t>(options.shard);
     return std::vector<CaseSpec>(all.begin() + static_cast<std::ptrdiff_t>(n * shard / shards),

@@ -14,6 +14,7 @@ struct PlanOptions {
     int cases = 29;                    ///< single causes and controls
     int two_causes = 0;                ///< cases with two effects, after the others
     std::vector<std::string> effects;  ///< empty: all, with controls ("none") among them
+    bool quasi_static = false;         ///< cases with inertia are left out, the others keep their names
     int shard = 0, shards = 1;         ///< contiguous part `shard` of `shards`
 };
 

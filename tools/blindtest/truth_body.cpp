@@ -151,7 +151,6 @@ void TruthBody::believe(Random& random) {
         body.bulk_modulus_pa = body.youngs_modulus_pa / (3.0 * (1.0 - 2.0 * body.poissons_ratio));
     }
     control_.body = draw_law(body.youngs_modulus_pa, body.poissons_ratio, random);
-    if (options_.dynamic) control_.body.rayleigh_stiffness_s = body.rayleigh_stiffness_s = 0.004;
 
     const double s = shape_.scale();
     prior_band_ = {.axis_m = {0.0, 0.030 * s, 0.0},
@@ -173,10 +172,7 @@ void TruthBody::believe(Random& random) {
     control_.ligament = {.law = CalculixMaterial::Law::kNeoHookean,
                          .youngs_modulus_pa = true_band_.youngs_modulus_pa,
                          .poissons_ratio = true_band_.poissons_ratio};
-    if (options_.dynamic) {
-        control_.ligament.density_kg_m3 = 1060.0;
-        control_.ligament.rayleigh_stiffness_s = 0.004;
-    }
+    if (options_.dynamic) control_.ligament.density_kg_m3 = 1060.0;
     c.ligament = LigamentData{LigamentLaw::kNeoHookean, prior_band_.youngs_modulus_pa, prior_band_.poissons_ratio,
                               prior_band_.height_m,     prior_band_.width_m,           0.0};
     const Surface surface(c.mesh);
