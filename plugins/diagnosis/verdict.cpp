@@ -37,20 +37,24 @@ Verdict judge(std::vector<Cause> causes, double cost_null, const ErrorFloor& flo
     Verdict verdict;
     const double reached = std::min(floor.total(), cost_null);
     const double rest = reached + calibration.unknown_share * (cost_null - reached);
-    // As costly to describe as the best named cause: what decides is how much each leaves.
+    const double gain = -0.5 * calibration.nu * std::log(floor.above(rest) / floor.above(cost_null));
     const auto best = std::max_element(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) {
         return (a.fit.usable ? a.score : -1e9) < (b.fit.usable ? b.score : -1e9);
     });
-    const double price =
-        std::max(calibration.unknown_price, best != causes.end() && best->fit.usable ? best->price.total() : 0.0);
-    const double unknown = -0.5 * calibration.nu * std::log(floor.above(rest) / floor.above(cost_null)) - price;
-    double top = std::max(calibration.none_bonus, unknown);
+    const double best_price = best != causes.end() && best->fit.usable ? best->price.total() : 0.0;
+    const double unknown = gain - std::max(calibration.unknown_price, best_price);
+
+    // Which cause, if there is one.
+    double top = unknown;
     for (const Cause& cause : causes) top = std::max(top, cause.score);
-    double sum = std::exp(calibration.none_bonus - top) + std::exp(unknown - top);
+    double sum = std::exp(unknown - top);
     for (const Cause& cause : causes) sum += std::exp(cause.score - top);
-    verdict.none_probability = std::exp(calibration.none_bonus - top) / sum;
-    verdict.unknown_probability = std::exp(unknown - top) / sum;
-    for (Cause& cause : causes) cause.probability = std::exp(cause.score - top) / sum;
+    // Whether there is one.
+    const double something = std::max(top + std::log(sum), gain - calibration.unknown_price);
+    verdict.none_probability = 1.0 / (1.0 + std::exp(something - calibration.none_bonus));
+    verdict.unknown_probability = (1.0 - verdict.none_probability) * std::exp(unknown - top) / sum;
+    for (Cause& cause : causes)
+        cause.probability = (1.0 - verdict.none_probability) * std::exp(cause.score - top) / sum;
     std::sort(causes.begin(), causes.end(),
               [](const Cause& a, const Cause& b) { return a.probability > b.probability; });
     verdict.causes = std::move(causes);

@@ -1,10 +1,13 @@
-// From fitted hypotheses to probabilities. One scale-free score per answer [nats], a softmax over all answers:
+// From fitted hypotheses to probabilities. One scale-free score per answer [nats]:
 //
-//     none:      bonus
 //     cause c:   -(nu/2) ln(above_c / above_0) - price_c,
 //                price_c = tail(a) + search_c + 1/2 ln|I + (nu/above_c) S_c| + that of further effects
-//     unknown:   -(nu/2) ln(rest / above_0) - price,   rest = above the floor + share of what is beyond it,
-//                price = that of the best cause: an effect that nobody thought of is not simpler than those one did
+//     unknown:   g - price_u,   g = -(nu/2) ln(rest / above_0), rest = above the floor + share of what is beyond it,
+//                price_u = that of the best cause: an effect that nobody thought of is not simpler than those one did
+//     none:      bonus against the larger of ln sum exp(scores) and g - least price: that something is amiss may be
+//                certain before anything is named
+//
+// A softmax over causes and unknown, times the probability that it is not none.
 //
 // above: cost beyond the stated noise (error_floor.h).
 #pragma once
