@@ -104,7 +104,12 @@ void ScenePlayer::enter(double t_s, const Hypothesis& h, const std::vector<std::
     KnownLoads between;
     const bool at_frame = frame != times_.end() && *frame == t_s;
     if (!at_frame) between = loads_at(t_s);
-    const KnownLoads& loads = at_frame ? frame_loads_[static_cast<std::size_t>(frame - times_.begin())] : between;
+    enter(t_s, at_frame ? frame_loads_[static_cast<std::size_t>(frame - times_.begin())] : between, h, effects,
+          actions);
+}
+
+void ScenePlayer::enter(double t_s, const KnownLoads& loads, const Hypothesis& h,
+                        const std::vector<std::unique_ptr<Effect>>& effects, ExternalActions& actions) {
     scene_->reset(t_s, loads.region_force_n);
     for (std::size_t e = 0; e < effects.size(); ++e)
         for (const auto& on : h.effects)
@@ -163,6 +168,19 @@ ScenePlayer::StepResult ScenePlayer::step(double from_s, double to_s, const Hypo
     }
     for (std::size_t d = 0; d < state_.size(); ++d) state_[d] = batch_[d * stride];
     memory_.finish_step(scene_->viscosity, length, scene_->parts.body, state_.data());
+    return result;
+}
+
+ScenePlayer::StepResult ScenePlayer::rest_at(double t_s, const KnownLoads& loads, const Hypothesis& h,
+                                             const std::vector<std::unique_ptr<Effect>>& effects, std::span<double> x) {
+    TERES_CHECK(!scene_->dynamic && x.size() == 3 * model_->num_nodes());
+    const std::size_t stride = padded_lanes(1);
+    std::vector<double> theta(std::max<std::size_t>(1, h.theta.size()) * stride, 0.0);
+    for (std::size_t p = 0; p < h.theta.size(); ++p) std::fill_n(theta.begin() + p * stride, stride, h.theta[p]);
+    enter(t_s, loads, h, effects, actions_);
+    for (std::size_t d = 0; d < x.size(); ++d) std::fill_n(batch_.begin() + d * stride, stride, x[d]);
+    const StepResult result = settle(0.0, actions_, theta);
+    for (std::size_t d = 0; d < x.size(); ++d) x[d] = batch_[d * stride];
     return result;
 }
 

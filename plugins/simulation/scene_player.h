@@ -33,9 +33,24 @@ class ScenePlayer {
     /// Length of the step that ends at the frame.
     double step_s(std::size_t frame) const;
 
-    /// Makes the scene that of a time, under the hypothesis. `actions`: its resolved loads.
+    struct KnownLoads {
+        std::vector<double> region_force_n, tool_m;  ///< 3 per load region, 3 per tool
+    };
+    /// Makes the scene that of a time, under the hypothesis. `actions`: its resolved loads. Without `loads`: those of
+    /// the recording.
     void enter(double t_s, const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
                ExternalActions& actions);
+    void enter(double t_s, const KnownLoads& loads, const Hypothesis& h,
+               const std::vector<std::unique_ptr<Effect>>& effects, ExternalActions& actions);
+
+    struct StepResult {
+        bool converged = false;
+        double relative_residual = 0.0;
+    };
+    /// Equilibrium of one instant, recorded or not; x (3N) holds a start value and receives it. Of a quasi-static body
+    /// under effects without memory.
+    StepResult rest_at(double t_s, const KnownLoads& loads, const Hypothesis& h,
+                       const std::vector<std::unique_ptr<Effect>>& effects, std::span<double> x);
 
     /// state: positions, then (dynamic) velocities and accelerations, 3 per node each.
     using Visitor = std::function<void(std::size_t frame, const double* state)>;
@@ -50,10 +65,6 @@ class ScenePlayer {
 
   private:
     ScenePlayer() = default;
-    struct StepResult {
-        bool converged = false;
-        double relative_residual = 0.0;
-    };
     StepResult step(double from_s, double to_s, const Hypothesis& h,
                     const std::vector<std::unique_ptr<Effect>>& effects);
     StepResult settle(double h, const ExternalActions& actions, const std::vector<double>& theta);
@@ -62,9 +73,6 @@ class ScenePlayer {
     PlayerSettings settings_;
     std::unique_ptr<CaseModel> model_;
     std::unique_ptr<Scene> scene_;
-    struct KnownLoads {
-        std::vector<double> region_force_n, tool_m;
-    };
     KnownLoads loads_at(double t_s) const;
     std::unique_ptr<LoadTracks> tracks_;
     std::vector<KnownLoads> frame_loads_;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "core/plugin_sdk.h"
 #include "plugins/simulation/scene_player.h"
@@ -33,6 +34,7 @@ struct SimulationSettings {
     bool plain_newton = false;
     int max_lanes = 40;
     int threads = 2;
+    std::string effects;
     bool trajectories = false;
     double trajectory_residual = 1e-3;
     double max_step_s = 0.0025;
@@ -88,6 +90,9 @@ struct SimulationSettings {
         field("plain_newton", plain_newton, "every lane alone with full Newton: slow reference path");
         field("threads", threads, {1, 64}, "threads that share a step; the same number gives the same bits");
         field("max_lanes", max_lanes, {1, 128}, "largest batch (sigma points) that workspaces are made for");
+        field("effects", effects, "",
+              "mechanical effects whose parameters are unknowns beside the ligament groups, e.g. "
+              "\"stiffness, gravity\" (teres effects); sigma points are then simulated one after the other");
         field("trajectories", trajectories,
               "offer whole recordings under hypotheses too (teres.trajectory_model/2); memory of 0.1-0.5 GB");
         field("trajectory_residual", trajectory_residual, {1e-12, 1e-2},
@@ -95,6 +100,18 @@ struct SimulationSettings {
         field("max_step_s", max_step_s, {1e-5, 1.0}, "trajectories of dynamic cases: longest time step");
         field("trajectory_frames", trajectory_frames, {0, 1000000},
               "trajectories: only so many frames from the first; 0: all");
+    }
+
+    /// The words of `effects`.
+    std::vector<std::string> effect_ids() const {
+        std::vector<std::string> ids(1);
+        for (const char c : effects)
+            if (c == ',' || c == ' ')
+                ids.emplace_back();
+            else
+                ids.back() += c;
+        std::erase(ids, "");
+        return ids;
     }
 
     PlayerSettings player_settings() const {
