@@ -143,6 +143,7 @@ Result<std::unique_ptr<CaseModel>> CaseModel::make(const Case& c, const CaseMode
         m->max_lanes_);
     const std::size_t stride = padded_lanes(m->max_lanes_);
     m->motion_.assign(3 * m->num_nodes(), 0.0);
+    m->motion_before_ = m->motion_;
     m->x_.assign(m->num_state() * stride, 0.0);
     m->theta_.assign(std::max<std::size_t>(1, m->parameters_.size()) * stride, 0.0);
     return m;
@@ -191,21 +192,28 @@ void CaseModel::rest_state(std::span<double> x) const {
                     x[6 * num_nodes() + 3 * i + a] = system_->parts().gravity_m_s2(static_cast<Eigen::Index>(a));
 }
 
-// Start values of a quasi-static step: bodies go on moving as they did, by the mean motion of the last step's
-// lanes.
+// Start values of a quasi-static step: bodies go on moving and accelerating as they did, by the mean motions of the
+// last two steps' lanes.
 void CaseModel::predict(double time_s, std::size_t lanes, std::size_t stride) noexcept {
     const double dt = time_s - motion_time_s_;
     if (scheme_ != TimeScheme::kQuasiStatic || lanes != motion_lanes_ || !(motion_dt_s_ > 0.0) || !(dt > 0.0) ||
         dt > 2.0 * motion_dt_s_)
         return;
+    // x + dt v + dt^2 (v - v') / dt'
     const double share = dt / motion_dt_s_;
-    for (std::size_t d = 0; d < motion_.size(); ++d)
-        for (std::size_t l = 0; l < stride; ++l) x_[d * stride + l] += share * motion_[d];
+    const double change = motion_before_dt_s_ > 0.0 ? share * share : 0.0;
+    const double before = change > 0.0 ? change * motion_dt_s_ / motion_before_dt_s_ : 0.0;
+    for (std::size_t d = 0; d < motion_.size(); ++d) {
+        const double step = (share + change) * motion_[d] - before * motion_before_[d];
+        for (std::size_t l = 0; l < stride; ++l) x_[d * stride + l] += step;
+    }
 }
 
 void CaseModel::remember(double time_s, std::span<const double> start, std::size_t lanes, std::size_t stride) noexcept {
     if (scheme_ != TimeScheme::kQuasiStatic) return;
     const std::size_t rows = motion_.size();
+    motion_before_.swap(motion_);
+    motion_before_dt_s_ = lanes == motion_lanes_ ? motion_dt_s_ : 0.0;
     std::fill(motion_.begin(), motion_.end(), 0.0);
     for (std::size_t l = 0; l < lanes; ++l)
         for (std::size_t d = 0; d < rows; ++d)

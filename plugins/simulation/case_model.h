@@ -102,6 +102,8 @@ class CaseModel final : public ForwardModel, public Topology {
     std::vector<double> x_, theta_;  // batch layout
     std::vector<double> motion_;     // mean of the lanes over the last step [m], and when that was
     double motion_time_s_ = 0.0, motion_dt_s_ = 0.0;
+    std::vector<double> motion_before_;  // that of the step before
+    double motion_before_dt_s_ = 0.0;
     std::size_t motion_lanes_ = 0;
 };
 
