@@ -8,7 +8,7 @@ struct Calibration {
     /// likelihood counts as that of nu samples, not of thousands (a raw evidence is always certain, and mostly wrong).
     double nu = 45.0;
     /// Bonus of the answer `none` [nats].
-    double none_bonus = 3.0;
+    double none_bonus = 6.0;
     /// Prior cost of every effect beyond the first [nats].
     double further_effect = 3.0;
     /// `unknown` is a cause that would leave the floor and this share of what is above it ...

@@ -13,9 +13,11 @@ namespace {
 
 constexpr int kPolished = 2;
 constexpr int kAttempts = 3;
-constexpr double kNearlyAll = 0.97;   // explained: nothing is left for one more effect
-constexpr double kOutOfReach = 15.0;  // nats between a fitted cause and the screening of one that need not be fitted
-constexpr double kFarTheta = 1.5;     // prior standard deviations from the prior at which a refit starts at most
+constexpr double kNearlyAll = 0.97;     // explained: nothing is left for one more effect
+constexpr double kOutOfReach = 15.0;    // nats between a fitted cause and the screening of one that need not be fitted
+constexpr double kFarTheta = 1.5;       // prior standard deviations from the prior at which a refit starts at most
+constexpr double kMost = 0.9;           // explained: the search need not go on
+constexpr std::size_t kSecondLook = 3;  // effects fitted besides if it has to
 constexpr double kLeastExplained = 0.02;  // of the nominal cost, by first order: less is not worth a fit
 constexpr double kLeastEarly = 0.1;       // ... of the cost of the beginning of a dynamic recording
 constexpr std::size_t kPlaces = 3;        // from which the best answer is fitted
@@ -284,12 +286,23 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* kno
         const double lead = best->score - chosen[next].score;
         return lead > 2.0 * kOutOfReach || (lead > kOutOfReach && best->fit.cost < problem.floor.total());
     };
-    for (std::size_t k = 0; k < chosen.size(); ++k) {
-        if (causes.size() >= 2 && settled(k)) continue;
-        causes.push_back(refit(problem, nominal, known, chosen[k], known == nullptr ? 8 : 6));
-        score(problem, nominal, known, causes.back());
-        stage(options, known == nullptr ? "fitting the best effects" : "fitting further effects")(
-            static_cast<double>(k + 1) / static_cast<double>(chosen.size()));
+    const auto fit_chosen = [&](std::size_t first) {
+        for (std::size_t k = first; k < chosen.size(); ++k) {
+            if (causes.size() >= 2 && settled(k)) continue;
+            causes.push_back(refit(problem, nominal, known, chosen[k], known == nullptr ? 8 : 6));
+            score(problem, nominal, known, causes.back());
+            stage(options, known == nullptr ? "fitting the best effects" : "fitting further effects")(
+                static_cast<double>(k + 1 - first) / static_cast<double>(chosen.size() - first));
+        }
+    };
+    fit_chosen(0);
+    // Before `unknown` is said: effects that look worse at first order than they are (contact, tear) get their fit.
+    const bool explained =
+        std::any_of(causes.begin(), causes.end(), [](const Cause& c) { return c.fit.usable && c.explained >= kMost; });
+    if (known == nullptr && !explained && nominal.cost > problem.floor.total()) {
+        const std::size_t first = chosen.size();
+        choose(screening, 0, first + kSecondLook);
+        fit_chosen(first);
     }
     for (std::size_t k = 0; known == nullptr && k < screening.effects.size(); ++k)
         if (std::none_of(causes.begin(), causes.end(), [&](const Cause& c) {

@@ -10,7 +10,7 @@ namespace teres {
 namespace {
 
 constexpr double kTailDegrees = 4.0;
-constexpr Eigen::Index kCountedAmplitudes = 12;
+constexpr Eigen::Index kCountedAmplitudes = 7;
 constexpr std::int32_t kFewCandidates = 3;  // of a mechanical effect where each costs a whole simulation
 constexpr double kLeastShare = 0.05;        // of a candidate's amplitude: start of parameters that cannot be zero
 

@@ -46,8 +46,8 @@ struct Screening {
 double tail_price(const Eigen::VectorXd& a);
 
 /// 1/2 ln|I + S|, S: tempered chi^2 of amplitudes at one prior standard deviation [nats]. Amplitudes of one effect are
-/// not independent a priori (an organ breathes in one direction with one wave form): the twelve largest directions of
-/// each count.
+/// not independent a priori (an organ breathes in one direction with one wave form): the seven largest directions
+/// count, one more than a rigid offset has, so that a registration is not taken for a support that stands elsewhere.
 double occam_price(const Eigen::MatrixXd& S, std::size_t num_effects = 1);
 
 /// First-order responses of all candidates about a base.

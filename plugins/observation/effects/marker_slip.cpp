@@ -31,7 +31,7 @@ class MarkerSlip final : public SensorEffect {
                          amplitude("slip_x", "m", EffectTransform::kIdentity, 0.0, 0.006, -0.06, 0.06),
                          amplitude("slip_y", "m", EffectTransform::kIdentity, 0.0, 0.006, -0.06, 0.06),
                          amplitude("slip_z", "m", EffectTransform::kIdentity, 0.0, 0.006, -0.06, 0.06),
-                         amplitude("exchange", "1", EffectTransform::kIdentity, 0.0, 1.0, 0.0, 1.0)};
+                         amplitude("exchange", "1", EffectTransform::kIdentity, 0.0, 1.0, -0.5, 1.5)};
         if (!(t1 > t0)) {
             d_.not_applicable = "the recording has one instant only";
             return;
