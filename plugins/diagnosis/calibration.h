@@ -9,10 +9,12 @@ struct Calibration {
     double nu = 45.0;
     /// Bonus of the answer `none` [nats].
     double none_bonus = 6.0;
+    /// Probabilities are p^(1/temperature): sealed cases were right less often than untempered ones said.
+    double temperature = 1.5;
     /// Prior cost of every effect beyond the first [nats].
     double further_effect = 3.0;
     /// `unknown` is a cause that would leave the floor and this share of what is above it ...
-    double unknown_share = 0.1;
+    double unknown_share = 0.15;
     /// ... at the price of the best cause, and at least this [nats].
     double unknown_price = 6.0;
     /// Whitened cost per used number that remains on controls beyond the stated noise: of any body, and of one whose

@@ -55,6 +55,17 @@ Verdict judge(std::vector<Cause> causes, double cost_null, const ErrorFloor& flo
     verdict.unknown_probability = (1.0 - verdict.none_probability) * std::exp(unknown - top) / sum;
     for (Cause& cause : causes)
         cause.probability = (1.0 - verdict.none_probability) * std::exp(cause.score - top) / sum;
+    // Tempered.
+    double total = 0.0;
+    const auto temper = [&](double& p) { total += p = std::pow(p, 1.0 / calibration.temperature); };
+    const auto normalise = [&](double& p) { p /= total; };
+    const auto all = [&](const auto& change) {
+        change(verdict.none_probability);
+        change(verdict.unknown_probability);
+        for (Cause& cause : causes) change(cause.probability);
+    };
+    all(temper);
+    all(normalise);
     std::sort(causes.begin(), causes.end(),
               [](const Cause& a, const Cause& b) { return a.probability > b.probability; });
     verdict.causes = std::move(causes);
