@@ -146,27 +146,29 @@ ScenePlayer::StepResult ScenePlayer::settle(double h, const ExternalActions& act
     return result;
 }
 
+ScenePlayer::StepResult ScenePlayer::settle_from(std::span<const double> start, double h, std::span<const double> theta,
+                                                 std::span<double> end) {
+    const std::size_t stride = padded_lanes(1);
+    std::vector<double> packed(std::max<std::size_t>(1, theta.size()) * stride, 0.0);
+    for (std::size_t p = 0; p < theta.size(); ++p) std::fill_n(packed.begin() + p * stride, stride, theta[p]);
+    for (std::size_t d = 0; d < start.size(); ++d) std::fill_n(batch_.begin() + d * stride, stride, start[d]);
+    const StepResult result = settle(h, actions_, packed);
+    for (std::size_t d = 0; d < end.size(); ++d) end[d] = batch_[d * stride];
+    return result;
+}
+
 ScenePlayer::StepResult ScenePlayer::step(double from_s, double to_s, const Hypothesis& h,
                                           const std::vector<std::unique_ptr<Effect>>& effects) {
-    const std::size_t stride = padded_lanes(1);
-    const bool dynamic = scene_->dynamic;
-    std::vector<double> theta(std::max<std::size_t>(1, h.theta.size()) * stride, 0.0);
-    for (std::size_t p = 0; p < h.theta.size(); ++p) std::fill_n(theta.begin() + p * stride, stride, h.theta[p]);
     const double length = to_s - from_s, memory_length = (1.0 - model_->stepper().alpha_f()) * length;
 
     enter(to_s, h, effects, actions_);
-    memory_.enter_step(scene_->viscosity, dynamic ? memory_length : length, scene_->body_points());
+    memory_.enter_step(scene_->viscosity, scene_->dynamic ? memory_length : length, scene_->body_points());
     model_->stepper().set_rayleigh_mass(scene_->rayleigh_mass_1_s);
-    const auto settle_from = [&](const std::vector<double>& state) {
-        for (std::size_t d = 0; d < state.size(); ++d) std::fill_n(batch_.begin() + d * stride, stride, state[d]);
-        return settle(length, actions_, theta);
-    };
-    StepResult result = settle_from(state_);
+    StepResult result = settle_from(state_, length, h.theta, state_);
     if (!result.converged && !last_state_.empty()) {  // the guess was a bad one
         model_->solver().invalidate();
-        result = settle_from(last_state_);
+        result = settle_from(last_state_, length, h.theta, state_);
     }
-    for (std::size_t d = 0; d < state_.size(); ++d) state_[d] = batch_[d * stride];
     memory_.finish_step(scene_->viscosity, length, scene_->parts.body, state_.data());
     return result;
 }
@@ -174,14 +176,8 @@ ScenePlayer::StepResult ScenePlayer::step(double from_s, double to_s, const Hypo
 ScenePlayer::StepResult ScenePlayer::rest_at(double t_s, const KnownLoads& loads, const Hypothesis& h,
                                              const std::vector<std::unique_ptr<Effect>>& effects, std::span<double> x) {
     TERES_CHECK(!scene_->dynamic && x.size() == 3 * model_->num_nodes());
-    const std::size_t stride = padded_lanes(1);
-    std::vector<double> theta(std::max<std::size_t>(1, h.theta.size()) * stride, 0.0);
-    for (std::size_t p = 0; p < h.theta.size(); ++p) std::fill_n(theta.begin() + p * stride, stride, h.theta[p]);
     enter(t_s, loads, h, effects, actions_);
-    for (std::size_t d = 0; d < x.size(); ++d) std::fill_n(batch_.begin() + d * stride, stride, x[d]);
-    const StepResult result = settle(0.0, actions_, theta);
-    for (std::size_t d = 0; d < x.size(); ++d) x[d] = batch_[d * stride];
-    return result;
+    return settle_from(x, 0.0, h.theta, x);
 }
 
 TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,

@@ -68,6 +68,9 @@ class ScenePlayer {
     StepResult step(double from_s, double to_s, const Hypothesis& h,
                     const std::vector<std::unique_ptr<Effect>>& effects);
     StepResult settle(double h, const ExternalActions& actions, const std::vector<double>& theta);
+    /// settle() of one state under the scene that was entered; start and end may be the same.
+    StepResult settle_from(std::span<const double> start, double h, std::span<const double> theta,
+                           std::span<double> end);
 
     Case case_;
     PlayerSettings settings_;

@@ -15,7 +15,7 @@
 #include "plugins/estimator/probability.h"
 #include "plugins/estimator/settings.h"
 #include "plugins/simulation/case_model.h"
-#include "tools/bench_scene.h"
+#include "tests/support/soft_liver.h"
 #include "tools/plot.h"
 
 namespace teres {
@@ -35,15 +35,8 @@ int num_draws() {
 }
 
 Case scene(BodyLaw law) {
-    tools::BenchScene s;
-    s.tetrahedra = 1000;
+    tools::BenchScene s = test::soft_liver(1000, kFrames);
     s.law = law;
-    s.youngs_modulus_pa = 10e3;
-    s.poissons_ratio = 0.45;
-    s.ligament = LigamentLaw::kNeoHookean;
-    s.frames = kFrames;
-    s.rate_hz = 5.0;
-    s.peak_force_n = 1.0;
     return tools::bench_case(s);
 }
 
@@ -163,14 +156,8 @@ Tally run(Truth kind, BodyLaw true_law, const BoundaryEstimatorOptions& options,
         std::vector<std::int32_t> id;
         for (std::size_t m = 0; m < body->num_markers(); ++m) id.push_back(body->marker_id(m));
         for (int f = 0; f < kFrames; ++f) {
-            const double t = f * c.dt_s;
             std::vector<double> force;
-            for (int r = 0; r < 2; ++r)
-                for (const double v : c.loads[static_cast<std::size_t>(2 * f + r)].force_n) force.push_back(v);
-            ForwardInputs inputs;
-            inputs.time_s = t;
-            inputs.dt_s = c.dt_s;
-            inputs.region_force_n = force;
+            const ForwardInputs inputs = test::inputs_at(c, f, force);
             body->advance(inputs, theta_true, x, 1);
             body->observe(x, z, 1);
             std::vector<double> px, py, pz;
@@ -178,7 +165,7 @@ Tally run(Truth kind, BodyLaw true_law, const BoundaryEstimatorOptions& options,
             for (std::size_t m = 0; m < id.size(); ++m)
                 for (std::size_t a = 0; a < 3; ++a)
                     (a == 0 ? px : a == 1 ? py : pz).push_back(z[3 * m + a] + c.sensor.noise_sigma_m * normal(random));
-            estimator.step({1 + static_cast<std::int64_t>(1e6 * t), id, px, py, pz, sigma}, inputs);
+            estimator.step({1 + static_cast<std::int64_t>(1e6 * inputs.time_s), id, px, py, pz, sigma}, inputs);
             nis += estimator.nis();
             dof += estimator.degrees_of_freedom();
         }

@@ -59,8 +59,6 @@ std::string material_card(const CalculixMaterial& m, const std::string& name, co
             break;
     }
     if (m.density_kg_m3 > 0.0) text += "*DENSITY\n" + number(m.density_kg_m3) + "\n";
-    if (m.rayleigh_mass_1_s > 0.0 || m.rayleigh_stiffness_s > 0.0)
-        text += "*DAMPING, ALPHA=" + number(m.rayleigh_mass_1_s) + ", BETA=" + number(m.rayleigh_stiffness_s) + "\n";
     return text + "*SOLID SECTION, ELSET=" + set + ", MATERIAL=" + name + "\n";
 }
 

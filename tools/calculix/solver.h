@@ -26,7 +26,6 @@ struct CalculixMaterial {
     double yeoh_c20_pa = 0.0, yeoh_c30_pa = 0.0;  ///< Yeoh only
     double density_kg_m3 = 0.0;                   ///< needed with gravity and inertia
     double creep_per_pa_s = 0.0;  ///< kLinear only, > 0: deviatoric creep rate = creep * Mises stress (*VISCO step)
-    double rayleigh_mass_1_s = 0.0, rayleigh_stiffness_s = 0.0;  ///< dynamic steps only
 
     double shear_modulus_pa() const { return youngs_modulus_pa / (2.0 * (1.0 + poissons_ratio)); }
     double bulk_modulus_pa() const { return youngs_modulus_pa / (3.0 * (1.0 - 2.0 * poissons_ratio)); }

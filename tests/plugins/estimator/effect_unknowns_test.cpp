@@ -9,7 +9,7 @@
 #include "plugins/estimator/settings.h"
 #include "plugins/simulation/effect_model.h"
 #include "plugins/simulation/settings.h"
-#include "tools/bench_scene.h"
+#include "tests/support/soft_liver.h"
 
 namespace teres {
 namespace {
@@ -18,14 +18,8 @@ constexpr int kFrames = 24;
 constexpr double kTrueRatio = 1.6;
 
 Case scene(double youngs_modulus_pa) {
-    tools::BenchScene s;
-    s.tetrahedra = 700;
+    tools::BenchScene s = test::soft_liver(700, kFrames);
     s.youngs_modulus_pa = youngs_modulus_pa;
-    s.poissons_ratio = 0.45;
-    s.ligament = LigamentLaw::kNeoHookean;
-    s.frames = kFrames;
-    s.rate_hz = 5.0;
-    s.peak_force_n = 1.0;
     return tools::bench_case(s);
 }
 
@@ -35,17 +29,6 @@ PlayerSettings settings() {
     s.model.equilibrium.relative_residual = 1e-6;
     s.model.threads = 1;
     return s;
-}
-
-ForwardInputs inputs_at(const Case& c, int frame, std::vector<double>& force) {
-    force.clear();
-    for (int r = 0; r < 2; ++r)
-        for (const double v : c.loads[static_cast<std::size_t>(2 * frame + r)].force_n) force.push_back(v);
-    ForwardInputs in;
-    in.time_s = frame * c.dt_s;
-    in.dt_s = c.dt_s;
-    in.region_force_n = force;
-    return in;
 }
 
 TEST(EffectUnknowns, AtNullTheModelIsTheNominalOne) {
@@ -62,7 +45,7 @@ TEST(EffectUnknowns, AtNullTheModelIsTheNominalOne) {
     }
     plain->rest_state(x);
     y = x;
-    const ForwardInputs in = inputs_at(c, 8, force);
+    const ForwardInputs in = test::inputs_at(c, 8, force);
     plain->advance(in, theta, x, 1);
     const ForwardReport report = with->advance(in, wide, y, 1);
     EXPECT_EQ(report.lanes_converged, 1);
@@ -98,7 +81,7 @@ TEST(EffectUnknowns, FilterFindsTheStiffnessBesideTheLigament) {
     body->rest_state(x);
     double left_without = 0.0, left_with = 0.0;
     for (int f = 0; f < kFrames; ++f) {
-        const ForwardInputs in = inputs_at(nominal, f, force);
+        const ForwardInputs in = test::inputs_at(nominal, f, force);
         body->advance(in, theta, x, 1);
         body->observe(x, z, 1);
         std::vector<double> px, py, pz;
