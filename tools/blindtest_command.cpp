@@ -27,7 +27,7 @@ struct BlindtestOptions {
     PlanOptions plan;
     TrialOptions trial;
     double floor_mm = 0.0;  // 0: from the controls
-    bool keep = false, no_baseline = false;
+    bool keep = false;
 };
 
 std::string shard_name(const PlanOptions& plan) {
@@ -117,7 +117,6 @@ Status run(BlindtestOptions& o) {
     TERES_TRY(read_shard(o.shard, o.plan));
     TERES_TRY_ASSIGN(const std::vector<CaseSpec> cases, plan_cases(o.plan));
     o.trial.out = o.out;
-    o.trial.baseline = !o.no_baseline;
     o.trial.program = fs::read_symlink("/proc/self/exe");
     const bool all = o.stage == "all";
     if (all || o.stage == "generate") TERES_TRY(generate(o, cases));
@@ -167,7 +166,6 @@ void add_blindtest_command(CLI::App& app, int& exit_code) {
         ->type_name("S")
         ->capture_default_str();
     verb->add_flag("--withheld", o.trial.withheld, "Diagnose once more with the true effect withheld");
-    verb->add_flag("--no-baseline", o.no_baseline, "Without `teres estimate`: no true shrinkage");
     verb->add_flag("--keep", o.keep, "Keep the solver's last files");
 }
 

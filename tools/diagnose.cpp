@@ -66,13 +66,16 @@ Result<int> diagnose(const DiagnoseOptions& options) {
                 write_gap_report(with_attachment(result->report_json, c), c.mesh, c.sensor, options.report_folder));
             std::printf("  report: %s/index.html\n", options.report_folder.c_str());
         }
-        if (!options.predict_file.empty()) {
+        const auto write_points = [&](const std::vector<double>& points_m, const std::string& file) -> Status {
+            if (file.empty()) return {};
             PositionTable table;
             const std::size_t stride = 3 * result->point_id.size();
             for (std::size_t f = 0; f < result->time_s.size(); ++f)
-                table.add(result->time_s[f], result->point_id, std::span(result->points_m).subspan(f * stride, stride));
-            TERES_TRY(table.write(options.predict_file));
-        }
+                table.add(result->time_s[f], result->point_id, std::span(points_m).subspan(f * stride, stride));
+            return table.write(file);
+        };
+        TERES_TRY(write_points(result->points_m, options.predict_file));
+        TERES_TRY(write_points(result->nominal_points_m, options.predict_nominal_file));
     }
     if (!options.json_file.empty()) TERES_TRY(write_text_file(options.json_file, result->gap_json));
     return kDone;

@@ -13,7 +13,7 @@ namespace teres::tools {
 
 struct DiagnoseOptions {
     std::vector<std::string> cases, excluded;
-    std::string json_file, report_folder, predict_file, cache_folder = default_cache_folder();
+    std::string json_file, report_folder, predict_file, predict_nominal_file, cache_folder = default_cache_folder();
     bool plan = false;
     int max_effects = 3;
     bool live = false;

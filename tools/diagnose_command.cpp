@@ -34,6 +34,8 @@ void add_diagnose_command(CLI::App& app, int& exit_code) {
     verb->add_option("--predict", options->predict_file,
                      "Write t_s,point_id,x_m,y_m,z_m of the points of validation_rest.csv with the named effects added")
         ->type_name("CSV");
+    verb->add_option("--predict-nominal", options->predict_nominal_file, "The same without any effect")
+        ->type_name("CSV");
     verb->add_option("--exclude", options->excluded, "Leave an effect out of the catalogue; may be repeated")
         ->type_name("EFFECT")
         ->allow_extra_args(false);

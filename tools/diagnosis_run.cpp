@@ -200,7 +200,7 @@ Result<DiagnosisRun> diagnose_cases(const std::vector<std::string>& case_folders
         }
     }
     auto* diagnosis = hosted.front().session->extension<GapDiagnosis>();
-    if (diagnosis == nullptr) return host_fault("the plugins offer no teres.gap_diagnosis/2");
+    if (diagnosis == nullptr) return host_fault("the plugins offer no teres.gap_diagnosis/3");
 
     std::vector<GapRecording> recordings;
     for (std::size_t k = 0; k < hosted.size(); ++k) {
@@ -224,12 +224,13 @@ Result<DiagnosisRun> diagnose_cases(const std::vector<std::string>& case_folders
     const std::int32_t code = diagnosis->diagnose(request);
     if (code != 0) return tl::unexpected(Error{static_cast<ErrorKind>(code), diagnosis->error()});
 
-    DiagnosisRun run{diagnosis->gap_json(), diagnosis->report_json(), {}, {}, {}};
+    DiagnosisRun run{diagnosis->gap_json(), diagnosis->report_json(), {}, {}, {}, {}};
     const Hosted& all = whole.front().mechanics != nullptr ? whole.front() : hosted.front();
     const TrajectoryModel& model = *all.mechanics;
     for (std::size_t f = 0; f < model.num_frames(); ++f) run.time_s.push_back(model.time_s(f));
     for (std::size_t p = 0; p < model.num_points(); ++p) run.point_id.push_back(model.point_id(p));
     run.points_m.assign(diagnosis->points_m().begin(), diagnosis->points_m().end());
+    run.nominal_points_m.assign(diagnosis->nominal_points_m().begin(), diagnosis->nominal_points_m().end());
     return run;
 }
 

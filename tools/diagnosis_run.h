@@ -26,7 +26,8 @@ struct DiagnosisRun {
     std::string gap_json, report_json;
     std::vector<double> time_s;  ///< of the frames of the first recording
     std::vector<std::int32_t> point_id;
-    std::vector<double> points_m;  ///< 3 per point and frame, with the named effects
+    std::vector<double> points_m;          ///< 3 per point and frame, with the named effects
+    std::vector<double> nominal_points_m;  ///< ... without any
 };
 
 /// $XDG_CACHE_HOME/teres, else ~/.cache/teres; empty if there is neither.

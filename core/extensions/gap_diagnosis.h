@@ -38,7 +38,7 @@ struct GapRequest {
 
 class GapDiagnosis {
   public:
-    static constexpr const char* kId = "teres.gap_diagnosis/2";
+    static constexpr const char* kId = "teres.gap_diagnosis/3";
 
     /// [setup] 0, or an exit code of the commands (1 not usable, 2 bad input); then error() says why.
     virtual std::int32_t diagnose(const GapRequest& request) noexcept = 0;
@@ -49,6 +49,8 @@ class GapDiagnosis {
     virtual const char* report_json() const noexcept = 0;  ///< what the report draws: "teres-gap-report-1"
     /// Validation points of the first recording (all of it) with the named effects added: f * 3 P + 3 p + a.
     virtual std::span<const double> points_m() const noexcept = 0;
+    /// The same under the nominal fit, without any effect.
+    virtual std::span<const double> nominal_points_m() const noexcept = 0;
 
   protected:
     ~GapDiagnosis() = default;

@@ -6,6 +6,7 @@
 
 #include "plugins/diagnosis/gap_map.h"
 #include "plugins/diagnosis/shape_search.h"
+#include "plugins/diagnosis/strong_start.h"
 #include "plugins/diagnosis/white_noise.h"
 
 namespace teres {
@@ -186,6 +187,24 @@ void score(Problem& problem, const Fit& nominal, const Cause* known, Cause& caus
         0.5 * problem.options.calibration.nu * (std::log(before / after) - std::log((before + form) / (after + form)));
 }
 
+// The same from where the effect acts at full size, if that is nearer than where first order leads.
+void refit_strongly(Problem& problem, const Fit& nominal, const Cause* known, const EffectScreening& added,
+                    Cause& cause) {
+    std::vector<Assumption> starts =
+        strong_starts(problem.simulator.effects(), added, prior_median(problem.simulator.mechanics()).theta);
+    if (known != nullptr)
+        for (Assumption& start : starts)
+            start.effects.insert(start.effects.begin(), known->fit.at.effects.begin(), known->fit.at.effects.end());
+    const auto best = best_strong_start(problem.simulator, problem.whitener, problem.recording.observed, starts);
+    if (!best) return;
+    Cause other = cause;
+    other.fit = problem.fit(best->at, 8);
+    if (!other.fit.usable || (cause.fit.usable && other.fit.cost >= cause.fit.cost)) return;
+    improve_shapes(problem.simulator, problem.whitener, problem.recording.observed, other.fit);
+    cause = std::move(other);
+    score(problem, nominal, known, cause);
+}
+
 // Which screened effects deserve a refit: the best scores, and besides them those that explain most, because a local
 // cause between the points of the search grid looks worse than it is.
 std::vector<std::size_t> worth_refitting(const Screening& screening, std::size_t by_score, std::size_t by_share) {
@@ -303,6 +322,12 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* kno
         const std::size_t first = chosen.size();
         choose(screening, 0, first + kSecondLook);
         fit_chosen(first);
+        for (std::size_t k = 0; k < causes.size() && !problem.simulator.mechanics().dynamic(); ++k) {
+            const auto screened = std::find_if(chosen.begin(), chosen.end(),
+                                               [&](const auto& c) { return c.entry == causes[k].entries.back(); });
+            refit_strongly(problem, nominal, known, *screened, causes[k]);
+            stage(options, "fitting strong effects")(static_cast<double>(k + 1) / static_cast<double>(causes.size()));
+        }
     }
     for (std::size_t k = 0; known == nullptr && k < screening.effects.size(); ++k)
         if (std::none_of(causes.begin(), causes.end(), [&](const Cause& c) {
@@ -417,7 +442,12 @@ void close_on_held_out(Diagnosis& out, Forecast& forecast, const Fit& best, cons
     const Cause* named = out.named();
     const Recording& all = out.predicted = forecast.recording;
     Eigen::VectorXd after = out.after;
-    if (forecast.beginning_fitted) forecast.simulator.simulate(best.at, after, &out.points_m, nullptr);
+    if (forecast.beginning_fitted) {
+        Eigen::VectorXd nominal;
+        forecast.simulator.simulate(out.nominal.at, nominal, &out.nominal_points_m, nullptr);
+        forecast.known.emplace_back(out.nominal.at, std::move(nominal));
+        forecast.simulator.simulate(best.at, after, &out.points_m, nullptr);
+    }
     forecast.known.emplace_back(best.at, after);
     const Eigen::VectorXd before = forecast.of(out.nominal);
     out.shrinkage = shrinkage(all, all.held_rows, before, after);
@@ -495,7 +525,7 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     // Where it lies, how far it closes on what was held out, whether it carries over.
     const Cause* named = out.named();
     const Fit& best = named != nullptr ? named->fit : out.nominal;
-    simulator.simulate(out.nominal.at, out.nominal.trajectory, nullptr, &out.nodes_before_m);
+    simulator.simulate(out.nominal.at, out.nominal.trajectory, &out.nominal_points_m, &out.nodes_before_m);
     out.gap_m = gap_rms_m(out.recording.observed, out.nominal.trajectory, out.recording.seen_rows(), 0.0);
     out.error_floor = problem.floor;
     out.floor_m = std::sqrt(3.0 * problem.floor.total() / problem.whitener.inverse_sigma().squaredNorm());

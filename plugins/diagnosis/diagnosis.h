@@ -71,7 +71,7 @@ struct Diagnosis {
     std::vector<Transfer> transfers;
     Where where;
     std::string next_experiment;
-    std::vector<double> points_m;                       ///< validation points with the named effects
+    std::vector<double> points_m, nominal_points_m;     ///< validation points with the named effects, without
     std::vector<double> nodes_before_m, nodes_after_m;  ///< all nodes per frame
     Eigen::VectorXd after;                              ///< markers with the named effects
 

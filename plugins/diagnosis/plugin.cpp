@@ -75,6 +75,7 @@ class DiagnosisPlugin final : public Unit, public GapDiagnosis {
     const char* gap_json() const noexcept override { return json_.c_str(); }
     const char* report_json() const noexcept override { return report_.c_str(); }
     std::span<const double> points_m() const noexcept override { return points_; }
+    std::span<const double> nominal_points_m() const noexcept override { return nominal_points_; }
 
   private:
     void take_places(const markers_t& m) {
@@ -157,12 +158,14 @@ class DiagnosisPlugin final : public Unit, public GapDiagnosis {
             json_ = plan_json(result, effects, options.calibration);
             report_.clear();
             points_.clear();
+            nominal_points_.clear();
             return {};
         }
         TERES_TRY_ASSIGN(const Diagnosis result, teres::diagnose(request.recordings, effects, options));
         json_ = teres::gap_json(result, effects, *first.mechanics, options.calibration);
         report_ = teres::report_json(result, effects, *first.mechanics, options.calibration);
         points_ = result.points_m;
+        nominal_points_ = result.nominal_points_m;
         return {};
     }
 
@@ -177,7 +180,7 @@ class DiagnosisPlugin final : public Unit, public GapDiagnosis {
     std::int64_t sequence_ = 0;
     // offline
     std::string error_, json_, report_;
-    std::vector<double> points_;
+    std::vector<double> points_, nominal_points_;
 };
 
 }  // namespace teres

@@ -198,11 +198,12 @@ Screening screen(const Simulator& simulator, const Signatures& signatures, const
             scores.push_back(score);
             const double explained = 1.0 - cost / out.cost_null;
             const ActiveEffect start = scaled(table[e], full, amplitude, a);
-            take_place(effect.places, centre_of(table[e], full), {{}, score, explained, start});
+            take_place(effect.places, centre_of(table[e], full), {{}, score, explained, start, c.index});
             if (score > best) {
                 best = score;
                 effect.explained = explained;
                 effect.start = start;
+                effect.candidate = c.index;
             }
         }
         if (scores.empty()) continue;

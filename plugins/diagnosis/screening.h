@@ -23,6 +23,7 @@ struct PlaceGain {
     Eigen::Vector3d centre_m;
     double score = 0.0, explained = 0.0;  ///< as in EffectScreening
     ActiveEffect start;
+    std::size_t candidate = 0;
 };
 
 struct EffectScreening {
@@ -31,6 +32,7 @@ struct EffectScreening {
     double search_cost = 0.0;       ///< best candidate's score minus `score`
     double explained = 0.0;         ///< share of cost_0 that the best candidate takes away
     ActiveEffect start;             ///< best candidate with fitted amplitudes
+    std::size_t candidate = 0;      ///< which one that is
     std::vector<PlaceGain> places;  ///< map over the body; empty for effects without a place
     std::size_t num_candidates = 0;
     double visibility = 0.0;    ///< S of the best-visible candidate: chi^2 at one prior standard deviation

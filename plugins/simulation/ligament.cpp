@@ -87,14 +87,14 @@ double band_shear_ratio(const LigamentData& data) {
     return 0.5 * (along + across);
 }
 
-void add_band(const TetMesh& mesh, double shear_ratio, const std::vector<double>& weight,
+void add_band(const TetMesh& mesh, double height_m, double shear_ratio, const std::vector<double>& weight,
               const std::vector<double>& group_weight, Ligament& ligament) {
     for (std::size_t i = 0; i < ligament.node.size(); ++i) {
         Tether t;
         t.node = ligament.node[i];
         t.parameter = ligament.group[i];
         t.share = weight[i] / group_weight[static_cast<std::size_t>(ligament.group[i])];
-        t.band = {mesh.X.col(t.node), mesh.node_normal.col(t.node), shear_ratio};
+        t.band = {mesh.X.col(t.node), mesh.node_normal.col(t.node), shear_ratio, height_m};
         ligament.tethers.push_back(t);
     }
 }
@@ -186,8 +186,8 @@ Ligament make_ligament(const TetMesh& mesh, const std::vector<NodeProbability>& 
     if (strings)
         add_springs(mesh, data, weight, group_weight, settings.spring_law, ligament);
     else
-        add_band(mesh, settings.shear_ratio > 0.0 ? settings.shear_ratio : band_shear_ratio(data), weight, group_weight,
-                 ligament);
+        add_band(mesh, data.height_m, settings.shear_ratio > 0.0 ? settings.shear_ratio : band_shear_ratio(data),
+                 weight, group_weight, ligament);
     return ligament;
 }
 

@@ -1,6 +1,7 @@
 #include "plugins/simulation/tether.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace teres {
 
@@ -9,11 +10,27 @@ using Eigen::Vector3d;
 
 namespace {
 
-constexpr double kTaut = 0.02;  // share of a slack band that stays taut
+constexpr double kTaut = 0.02;         // share of a slack band that stays solid
+constexpr double kSoonSlack_m = 1e-3;  // dead zone within which a band turns from solid to strings
 
 Matrix3d band_stiffness(const BandPatch& band) {
     const Matrix3d nn = band.normal * band.normal.transpose();
     return nn + band.shear_ratio * (Matrix3d::Identity() - nn);
+}
+
+double solid_share(const BandPatch& band) {
+    return std::max(kTaut, std::exp(-band.dead_zone_m / kSoonSlack_m));
+}
+
+// The string of a slack band with its node at x: unit vector to the far edge, length, elongation beyond the dead zone.
+struct SlackString {
+    Vector3d direction;
+    double length, elongation;
+};
+SlackString slack_string(const BandPatch& band, const Vector3d& x) {
+    const Vector3d d = band.rest + band.height_m * band.normal - x;
+    const double length = d.norm();
+    return {length > 0.0 ? Vector3d(d / length) : band.normal, length, length - band.height_m - band.dead_zone_m};
 }
 
 // Energy and gradient at theta = 1.
@@ -24,14 +41,14 @@ double energy_and_gradient(const Tether& t, const Vector3d& x, Vector3d& gradien
             const double normal = u.dot(t.band.normal);
             const Vector3d tangential = u - normal * t.band.normal;
             gradient = t.share * (normal * t.band.normal + t.band.shear_ratio * tangential);
-            const double energy = 0.5 * gradient.dot(u), length = u.norm(), z = t.band.dead_zone_m;
-            if (z == 0.0) return energy;
-            gradient *= kTaut;
-            if (length <= z) return kTaut * energy;
-            // v = u (1 - z/|u|), dv/du = I - z/|u| (I - e e^T), e = u/|u|
-            const Vector3d e = u / length, a = (1.0 - kTaut) * t.share * (band_stiffness(t.band) * (u - z * e));
-            gradient += (1.0 - z / length) * a + z / length * e.dot(a) * e;
-            return kTaut * energy + 0.5 * a.dot(u - z * e);
+            const double energy = 0.5 * gradient.dot(u);
+            if (t.band.dead_zone_m == 0.0) return energy;
+            const double solid = solid_share(t.band), k = (1.0 - solid) * t.share;
+            gradient *= solid;
+            const SlackString string = slack_string(t.band, x);
+            if (string.elongation <= 0.0) return solid * energy;
+            gradient -= k * string.elongation * string.direction;
+            return solid * energy + 0.5 * k * string.elongation * string.elongation;
         }
         case Tether::Kind::kSpring:
             gradient = -t.share * t.spring.force(x);
@@ -80,17 +97,12 @@ Matrix3d tether_stiffness(const Tether& t, const Vector3d& x) noexcept {
     switch (t.kind) {
         case Tether::Kind::kBand: {
             const Matrix3d A = t.share * band_stiffness(t.band);
-            const double z = t.band.dead_zone_m;
-            if (z == 0.0) return A;
-            const Vector3d u = x - t.band.rest;
-            const double length = u.norm();
-            if (length <= z) return kTaut * A;
-            // J A J + sum_k a_k d2v_k/du2, a = A v, d2v/du2 from that of the unit vector e
-            const Vector3d e = u / length, a = (1.0 - kTaut) * A * (u - z * e);
-            const Matrix3d I = Matrix3d::Identity(), J = I - z / length * (I - e * e.transpose());
-            return kTaut * A + (1.0 - kTaut) * J * A * J +
-                   z / (length * length) *
-                       (a.dot(e) * (I - 3.0 * e * e.transpose()) + a * e.transpose() + e * a.transpose());
+            if (t.band.dead_zone_m == 0.0) return A;
+            const double solid = solid_share(t.band), k = (1.0 - solid) * t.share;
+            const SlackString string = slack_string(t.band, x);
+            if (string.elongation <= 0.0) return solid * A;
+            const Matrix3d nn = string.direction * string.direction.transpose();
+            return solid * A + k * (nn + string.elongation / string.length * (Matrix3d::Identity() - nn));
         }
         case Tether::Kind::kSpring:
             return t.share * t.spring.stiffness(x);

@@ -5,6 +5,11 @@
 //   band):
 //             psi = theta w/2 [ (u.n)^2 + r (|u|^2 - (u.n)^2) ],  u = x - X, n the outward normal [J]
 //
+//   slack     a band longer than its gap by z holds like strings to its far edge, which pull beyond h + z and never
+//   push:
+//             psi = theta w [ s psi_solid/(theta w) + (1-s)/2 <|h n - u| - h - z>^2 ],  s = exp(-z / 1 mm), at
+//             least 0.02 so that the body never floats
+//
 // theta is the parameter of the tether's group (N/m for bands, a factor for springs), w the tether's share of
 // it.
 #pragma once
@@ -25,8 +30,8 @@ struct BandPatch {
     Eigen::Vector3d rest = Eigen::Vector3d::Zero();    ///< X [m]
     Eigen::Vector3d normal = Eigen::Vector3d::Zero();  ///< n
     double shear_ratio = 0.3;                          ///< r: tangential over normal stiffness
-    double dead_zone_m = 0.0;  ///< z: u is shortened by z first (a slack band), u (1 - z/|u|), 0 for |u| < z;
-                               ///< a small share of the band stays taut so that the body never floats
+    double height_m = 0.02;                            ///< h
+    double dead_zone_m = 0.0;                          ///< z: how much longer than h the band is when it hangs slack
 };
 
 struct Tether {

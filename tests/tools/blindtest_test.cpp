@@ -241,6 +241,26 @@ std::vector<CaseResult> hand_made() {
     return r;
 }
 
+TEST(Scoring, ABodyIsMeasuredByItsOwnControl) {
+    std::vector<CaseResult> r;
+    const auto add = [&](const char* truth, const char* body, double gap_mm, double rms_mm) {
+        r.push_back(result(truth, gap_mm, gap_json("", 0.0, 1.0)));
+        r.back().body = body;
+        r.back().answer->gap_rms_mm = rms_mm;
+        r.back().noise_mm = 0.0;
+    };
+    add("none", "soft", 0.0, 2.0);
+    add("none", "firm", 0.0, 0.4);
+    add("cut", "soft", 1.0, 0.0);     // below 3.0
+    add("cut", "firm", 1.0, 0.0);     // above 0.6
+    add("cut", "strange", 1.0, 0.0);  // below 1.8, the median's
+    const Summary s = summarise(r);
+    EXPECT_NEAR(s.floor_mm, 1.2, 1e-12);
+    EXPECT_EQ(s.top1.of, 1);
+    EXPECT_EQ(s.invisible_none.of, 2);
+    EXPECT_EQ(summarise(r, 0.5).top1.of, 3);  // one floor given for all
+}
+
 TEST(Scoring, EqualsPenAndPaper) {
     const Summary s = summarise(hand_made());
     EXPECT_NEAR(s.floor_mm, 0.8, 1e-12);

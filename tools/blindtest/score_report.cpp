@@ -71,8 +71,13 @@ std::string report_text(const Summary& s) {
         text += fmt::format("| {} | {} |\n", what, figure);
     };
     text += "| blind test | |\n|---|---|\n";
-    line("floor: median gap of controls without noise; visible: nominal gap above 1.5 x this",
-         fmt::format("{:.2f} mm", s.floor_mm));
+    std::vector<double> floors;
+    for (const auto& [body, floor] : s.body_floor_mm) floors.push_back(floor);
+    line("floor: gap of a body's control without noise, median over bodies; visible: nominal gap above 1.5 x the own",
+         fmt::format("{:.2f} mm", s.floor_mm) +
+             (floors.empty() ? ""
+                             : fmt::format(" ({:.2f} to {:.2f})", *std::min_element(floors.begin(), floors.end()),
+                                           *std::max_element(floors.begin(), floors.end()))));
     line("top-1 / top-3, visible single causes", share(s.top1) + " / " + share(s.top3));
     line("right or within the family, visible", share(s.family));
     line("top-1 / top-3, all single causes", share(s.top1_all) + " / " + share(s.top3_all));

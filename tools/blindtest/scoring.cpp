@@ -110,17 +110,21 @@ Result<Answer> answer_from(const Json& json, const std::string& name) {
     return answer;
 }
 
-bool is_visible(const CaseResult& result, double floor_mm) {
-    return result.gap_nominal_mm > kVisible * floor_mm;
+bool is_visible(const CaseResult& result, const Summary& s) {
+    const auto own = s.body_floor_mm.find(result.body);
+    return result.gap_nominal_mm > kVisible * (own != s.body_floor_mm.end() ? own->second : s.floor_mm);
 }
 
-double control_floor(std::span<const CaseResult> results) {
-    std::vector<double> gaps;
+// Floors of the bodies that have a control.
+std::map<std::string, double> control_floors(std::span<const CaseResult> results) {
+    std::map<std::string, std::vector<double>> gaps;
     for (const CaseResult& r : results)
         if (r.truth == "none" && r.answer)
-            gaps.push_back(
+            gaps[r.body].push_back(
                 std::sqrt(std::max(0.0, r.answer->gap_rms_mm * r.answer->gap_rms_mm - r.noise_mm * r.noise_mm)));
-    return gaps.empty() ? kUsualFloor_mm : median(gaps);
+    std::map<std::string, double> floors;
+    for (const auto& [body, list] : gaps) floors[body] = median(list);
+    return floors;
 }
 
 void add_single(const CaseResult& r, const std::string& best, bool visible, Summary& s) {
@@ -180,6 +184,7 @@ Result<Answer> parse_answer(std::string_view json, const std::string& name) {
 std::string to_json_line(const CaseResult& r) {
     return Json{{"case", r.name},
                 {"truth", r.truth},
+                {"body", r.body},
                 {"located", r.located},
                 {"gap_nominal_mm", r.gap_nominal_mm},
                 {"noise_mm", r.noise_mm},
@@ -201,6 +206,7 @@ Result<CaseResult> parse_case_result(std::string_view line, const std::string& p
     CaseResult r;
     r.name = json["case"].get<std::string>();
     r.truth = json["truth"].get<std::string>();
+    r.body = json.value("body", "");
     r.located = json.value("located", false);
     r.gap_nominal_mm = number(json, "gap_nominal_mm").value_or(0.0);
     r.noise_mm = number(json, "noise_mm").value_or(0.0);
@@ -225,7 +231,10 @@ double median(std::vector<double> values) {
 
 Summary summarise(std::span<const CaseResult> results, std::optional<double> floor_mm) {
     Summary s;
-    s.floor_mm = floor_mm ? *floor_mm : control_floor(results);
+    if (!floor_mm) s.body_floor_mm = control_floors(results);
+    std::vector<double> floors;
+    for (const auto& [body, floor] : s.body_floor_mm) floors.push_back(floor);
+    s.floor_mm = floor_mm.value_or(floors.empty() ? kUsualFloor_mm : median(floors));
     std::array<double, 10> probability_sum{};
     for (const CaseResult& r : results) {
         if (!r.answer) {
@@ -236,7 +245,7 @@ Summary summarise(std::span<const CaseResult> results, std::optional<double> flo
         s.peak_mb.push_back(r.peak_mb);
         const auto [best, probability] = r.answer->best();
         const auto causes = ids_of(r.truth);
-        const bool control = r.truth == "none", visible = is_visible(r, s.floor_mm);
+        const bool control = r.truth == "none", visible = is_visible(r, s);
         if (control) {
             s.false_alarm.add(best != "none");
         } else if (causes.size() == 1) {

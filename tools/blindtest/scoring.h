@@ -37,6 +37,7 @@ Result<Answer> parse_answer(std::string_view json, const std::string& name);
 struct CaseResult {
     std::string name;
     std::string truth;  ///< cause_name; "none" for controls
+    std::string body;   ///< patient, supports and kind of recording: cases of one body share its control's floor
     bool located = false;
     double gap_nominal_mm = 0.0;   ///< what the ligament's unknowns cannot explain, from the truth
     double noise_mm = 0.0;         ///< stated noise, 3-D rms
@@ -68,7 +69,8 @@ struct ReliabilityBin {
 };
 
 struct Summary {
-    double floor_mm = 0.0;  ///< median gap of the controls without noise
+    double floor_mm = 0.0;  ///< median gap of the controls without noise, where a body has none of its own
+    std::map<std::string, double> body_floor_mm;
     int failed = 0;
     Share top1, top3, family, kind;  ///< visible single causes; kind: sensor or not, of those where a cause is named
     Share top1_all, top3_all;
@@ -88,7 +90,8 @@ struct Summary {
         confusion;  ///< truth -> answer -> count, visible causes and controls
 };
 
-/// visible: nominal gap above 1.5 x floor. `floor_mm`: given, or from the controls among the results (0.35 without).
+/// visible: nominal gap above 1.5 x the floor of that body's control; of a body without one, the controls' median (0.35
+/// without any). `floor_mm`: in place of all of them.
 Summary summarise(std::span<const CaseResult> results, std::optional<double> floor_mm = {});
 
 double median(std::vector<double> values);  ///< NaN if empty

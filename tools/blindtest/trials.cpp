@@ -110,17 +110,11 @@ Status diagnose_case(const CaseSpec& spec, const TrialOptions& o) {
     std::error_code failed;
     fs::create_directories(o.out / "answers", failed);
     if (failed) return host_fault((o.out / "answers").string() + ": " + failed.message());
-    TERES_TRY(diagnose(spec, o, "", {"--predict", answer_file(o.out, spec, ".csv").string()}));
+    TERES_TRY(diagnose(spec, o, "",
+                       {"--predict", answer_file(o.out, spec, ".csv").string(), "--predict-nominal",
+                        answer_file(o.out, spec, ".nominal.csv").string()}));
     if (o.withheld && spec.effects.size() == 1)
         TERES_TRY(diagnose(spec, o, ".withheld", {"--exclude", spec.effects.front()}));
-    const fs::path baseline = answer_file(o.out, spec, ".baseline.csv");
-    if (o.baseline && !fs::exists(baseline)) {
-        TERES_TRY_ASSIGN(const Cost cost, run({o.program.string(), "estimate", (o.out / "cases" / spec.name).string(),
-                                               "--predict", baseline.string()},
-                                              answer_file(o.out, spec, ".baseline.log"), o.limit_s));
-        if (cost.exit_code == 3 || cost.exit_code == 127)
-            return host_fault("teres estimate: exit code " + std::to_string(cost.exit_code));
-    }
     return {};
 }
 
@@ -137,6 +131,8 @@ Result<std::optional<CaseResult>> score_case(const CaseSpec& spec, const fs::pat
     std::vector<std::string> ids;
     for (const Json& effect : label["effects"]) ids.push_back(effect.value("id", ""));
     r.truth = cause_name(ids);
+    r.body = std::to_string(label.value("draw", 0)) + (label.value("clamped", false) ? " clamped" : " free") +
+             (label.value("dynamic", false) ? ", dynamic" : "");
     r.gap_nominal_mm = label["gap_mm"].value("nominal", 0.0);
     r.noise_mm = 1e3 * std::sqrt(3.0) * c.sensor.noise_sigma_m;
     r.answer = read_answer(answer_file(out, spec, ".json"));
@@ -156,7 +152,7 @@ Result<std::optional<CaseResult>> score_case(const CaseSpec& spec, const fs::pat
         if (effect["onset_s"].is_number() && r.answer->onset_s)
             r.onset_error_s = *r.answer->onset_s - effect["onset_s"].get<double>();
     }
-    const auto before = error_mm(answer_file(out, spec, ".baseline.csv"), sealed / "validation.csv");
+    const auto before = error_mm(answer_file(out, spec, ".nominal.csv"), sealed / "validation.csv");
     const auto after = error_mm(answer_file(out, spec, ".csv"), sealed / "validation.csv");
     if (before && after && *before > 0.0 && !ids.empty()) r.true_shrinkage = 1.0 - *after / *before;
     return std::optional(r);

@@ -219,9 +219,13 @@ void TruthBody::place_loads(Random& random) {
         }
     }
     if (!options_.clamped) return;
-    for (const std::int32_t node : surface.nodes())
-        if (distance(c.mesh.nodes[static_cast<std::size_t>(node)], clamp_centre_m_) < kClampRadius * shape_.scale())
-            c.clamped.push_back(node);
+    // The held patch is anatomy that the modeller sees: the nodes of his mesh that lie on it.
+    std::vector<std::int32_t> held = mesh_.find(clamp_);
+    std::sort(held.begin(), held.end());
+    for (const std::int32_t node : surface.nodes()) {
+        const SurfacePoint on = mesh_.surface().closest(c.mesh.nodes[static_cast<std::size_t>(node)]);
+        if (std::binary_search(held.begin(), held.end(), on.triangle)) c.clamped.push_back(node);
+    }
 }
 
 // Markers: facets that the camera sees, clear of the ligament and the clamp, spread out. Points: inside, below the

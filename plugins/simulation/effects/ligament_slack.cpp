@@ -3,7 +3,8 @@
 //     shift s        the body's rest place at the ligament moves by -s along the outward normal (a solid band
 //     too long
 //                    pushes, one too short pulls); strings get longer by s
-//     dead zone z    the ligament gives no force before the body has moved by z (a slack sheet)
+//     dead zone z    a sheet longer than its gap by z: it holds like strings, which pull when it is drawn straight and
+//                    never push
 #include "plugins/simulation/effects/effect.h"
 #include "plugins/simulation/effects/places.h"
 

@@ -16,7 +16,7 @@ using Eigen::Vector3d;
 
 std::vector<Tether> one_of_each() {
     Tether band;
-    band.band = {Vector3d(0.1, 0.0, 0.02), Vector3d(1, 2, 2) / 3.0, 0.3};
+    band.band = {Vector3d(0.1, 0.0, 0.02), Vector3d(1, 2, 2) / 3.0, 0.3, 0.02};
     band.share = 0.7;
     band.parameter = 0;
     Tether cubic = band;
@@ -69,6 +69,17 @@ TEST(Tether, CubicStringPullsAndNeverPushes) {
     const Vector3d n(0, 0, 1);
     EXPECT_NEAR(evaluate(t, t.spring.anchor - 0.025 * n, 1.0).gradient.z(), -0.5, 1e-12);
     EXPECT_EQ(evaluate(t, t.spring.anchor - 0.015 * n, 1.0).gradient.norm(), 0.0);
+}
+
+// By hand: a band of 20 mm that is 3 mm longer. Drawn 5 mm away from its far edge the string pulls with w k (5 - 3) mm
+// beside what stays solid; pushed 5 mm towards it, it does nothing.
+TEST(Tether, SlackBandPullsBeyondItsDeadZoneAndNeverPushes) {
+    const Tether t = one_of_each()[3];
+    const double solid = std::exp(-3.0), w = t.share;
+    const Vector3d n = t.band.normal;
+    EXPECT_NEAR(evaluate(t, t.band.rest - 0.005 * n, 1.0).gradient.dot(n), -w * (solid * 0.005 + (1.0 - solid) * 0.002),
+                1e-12);
+    EXPECT_NEAR(evaluate(t, t.band.rest + 0.005 * n, 1.0).gradient.dot(n), w * solid * 0.005, 1e-12);
 }
 
 Case block_with_prior() {
