@@ -27,7 +27,7 @@ struct EstimatorSettings {
     double unresolved_share = 0.75;
     double accepted_residual = 1e-2;
     double stale_after_s = 0.5;
-    int max_queue = 2;
+    int max_queue = 1;
     bool keep_recording = false;
     std::string case_folder;
     bool surface = false;
