@@ -99,6 +99,25 @@ void add_band(const TetMesh& mesh, double height_m, double shear_ratio, const st
     }
 }
 
+// Place of each point along the narrower direction of the region on the surface, in standard deviations.
+std::vector<double> places_across(const std::vector<Vector3d>& points, const std::vector<double>& weight,
+                                  const Vector3d& normal) {
+    Vector3d mean = Vector3d::Zero();
+    double total = 0.0;
+    for (std::size_t i = 0; i < points.size(); ++i) mean += weight[i] * points[i], total += weight[i];
+    mean /= total;
+    Eigen::Matrix3d spread = Eigen::Matrix3d::Zero();
+    for (std::size_t i = 0; i < points.size(); ++i)
+        spread += weight[i] / total * (points[i] - mean) * (points[i] - mean).transpose();
+    const Eigen::Matrix3d tangential = Eigen::Matrix3d::Identity() - normal * normal.transpose();
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(tangential * spread * tangential);
+    const Vector3d across = axes.eigenvectors().col(1);  // the least is that of the normal, 0
+    const double stdev = std::sqrt(std::max(axes.eigenvalues()(1), 0.0));
+    std::vector<double> places;
+    for (const Vector3d& p : points) places.push_back(stdev > 0.0 ? across.dot(p - mean) / stdev : 0.0);
+    return places;
+}
+
 constexpr double kDiagonalShare = 0.5;  // of a layer's stiffness along the normal
 
 void add_springs(const TetMesh& mesh, const LigamentData& data, const std::vector<double>& weight,
@@ -162,6 +181,14 @@ Ligament make_ligament(const TetMesh& mesh, const std::vector<NodeProbability>& 
     }
     if (points.empty()) return ligament;
     ligament.group = cluster(points, weight, std::min<int>(settings.num_groups, static_cast<int>(points.size())));
+    if (settings.lean != 0.0 || settings.sharpness != 1.0) {
+        Vector3d normal = Vector3d::Zero();
+        for (std::size_t i = 0; i < weight.size(); ++i) normal += weight[i] * mesh.node_normal.col(ligament.node[i]);
+        const std::vector<double> across = places_across(points, weight, normal.normalized());
+        for (std::size_t i = 0; i < weight.size(); ++i)
+            weight[i] *= std::pow(ligament.probability[i], settings.sharpness - 1.0) *
+                         std::exp(settings.lean * std::clamp(across[i], -3.0, 3.0));
+    }
     const auto num_groups =
         static_cast<std::size_t>(*std::max_element(ligament.group.begin(), ligament.group.end()) + 1);
     ligament.groups.resize(num_groups);

@@ -38,6 +38,9 @@ struct LigamentSettings {
     std::string model = "auto";     ///< auto (law of the case), band, cubic_springs
     /// cubic_springs: g1, g2, g3 of a spring's tension over E A / L, phi(e) = g1 e + g2 e^2 + g3 e^3, e its strain.
     std::array<double, 3> spring_law{1.0, 0.0, 1.0};
+    // What else the same atlas allows: a node's share of its group is area p^sharpness exp(lean s), s its place across
+    // the region (its narrowest direction) in standard deviations.
+    double lean = 0.0, sharpness = 1.0;
 };
 
 struct LigamentGroup {

@@ -537,6 +537,12 @@ void Trajectory::add_variants(const Case& c, const PlayerSettings& settings) {
         add("10-node tetrahedra", [](Variant& v) { v.settings.model.element = ElementType::kQuadratic; });
     add("nodal shear", [](Variant& v) { v.settings.model.shear_blend = 0.1; });
     add("element shear", [](Variant& v) { v.settings.model.shear_blend = 1.0; });
+    // The atlas says where a ligament may hold, not with which nodes of a group.
+    if (player_->scene().tethers.ligament_end > 0) {
+        add("ligament to one side", [](Variant& v) { v.settings.model.ligament.lean = 0.5; });
+        add("ligament to the other side", [](Variant& v) { v.settings.model.ligament.lean = -0.5; });
+        add("narrow ligament", [](Variant& v) { v.settings.model.ligament.sharpness = 2.0; });
+    }
     const BodyLaw law = c.body.law;
     if (law != BodyLaw::kNeoHookean) add("neo-Hookean", [](Variant& v) { v.data.body.law = BodyLaw::kNeoHookean; });
     if (law != BodyLaw::kStVK) add("Saint Venant-Kirchhoff", [](Variant& v) { v.data.body.law = BodyLaw::kStVK; });
