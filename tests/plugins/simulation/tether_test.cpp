@@ -112,6 +112,45 @@ TEST(Ligament, GroupsCarryTheAtlasProbability) {
     }
 }
 
+// Shares within one group, by hand: area p^sharpness exp(lean s), s the place across a face of 60 x 30 mm (along z) in
+// standard deviations. Groups stay those of the atlas.
+TEST(Ligament, LeansAcrossTheRegionAndNarrows) {
+    Case c = test::clamped_block({.size_m = {0.10, 0.06, 0.03}, .cells = {5, 6, 4}});
+    for (const auto node : c.clamped)
+        c.ligament_prior.push_back({node, 0.3 + 0.5 * c.mesh.nodes[static_cast<std::size_t>(node)][1] / 0.06});
+    const TetMesh mesh = *TetMesh::make(c.mesh);
+    const LigamentData data{LigamentLaw::kNeoHookean, 1e5, 0.45, 0.025, 0.02, 0.0};
+    LigamentSettings plain;
+    plain.num_groups = 1;
+    LigamentSettings lean = plain, narrow = plain;
+    lean.lean = 0.5;
+    narrow.sharpness = 2.0;
+    const Ligament a = make_ligament(mesh, c.ligament_prior, data, plain),
+                   b = make_ligament(mesh, c.ligament_prior, data, lean),
+                   n = make_ligament(mesh, c.ligament_prior, data, narrow);
+    double mean = 0.0, square = 0.0;
+    for (const auto& t : a.tethers) {
+        const double z = mesh.X(2, t.node);
+        mean += t.share * z;
+        square += t.share * z * z;
+    }
+    const double stdev = std::sqrt(square - mean * mean);
+    const auto log_ratio = [&](const Ligament& l, std::size_t i) {
+        return std::log(l.tethers[i].share / a.tethers[i].share) - std::log(l.tethers[0].share / a.tethers[0].share);
+    };
+    const double slope =
+        (mesh.X(2, a.tethers.back().node) - mesh.X(2, a.tethers[0].node)) * log_ratio(b, a.node.size() - 1);
+    for (std::size_t i = 0; i < a.tethers.size(); ++i) {
+        const double s = (mesh.X(2, a.tethers[i].node) - mesh.X(2, a.tethers[0].node)) / stdev;
+        EXPECT_NEAR(std::abs(log_ratio(b, i)), 0.5 * std::abs(s), 0.05) << "normals at the rim are not along x";
+        EXPECT_NEAR(log_ratio(n, i), std::log(a.probability[i] / a.probability[0]), 1e-9);
+    }
+    EXPECT_NE(slope, 0.0);
+    lean.num_groups = plain.num_groups = 4;
+    EXPECT_EQ(make_ligament(mesh, c.ligament_prior, data, plain).group,
+              make_ligament(mesh, c.ligament_prior, data, lean).group);
+}
+
 // A column of its own, by hand: theta h (g1 e + g2 e^2 + g3 e^3), e = d / h; the hold of the free layer is 0.1 % of it.
 TEST(Ligament, ColumnPullsByTheCalibratedLaw) {
     Case c = block_with_prior();
