@@ -29,7 +29,7 @@ struct NominalParameter {
 
 class TrajectoryModel : public EffectCatalogue {
   public:
-    static constexpr const char* kId = "teres.trajectory_model/2";
+    static constexpr const char* kId = "teres.trajectory_model/3";
 
     virtual std::size_t num_parameters() const noexcept = 0;
     virtual NominalParameter parameter(std::size_t index) const noexcept = 0;
@@ -74,6 +74,10 @@ class TrajectoryModel : public EffectCatalogue {
     /// Response of markers to a unit force [m/N] on a node, per frame, at the last trajectory: out[(f * 3 M + r) * 3 +
     /// b] for marker row r and force direction b.
     virtual bool marker_compliance(std::int32_t node, std::span<double> out) const noexcept = 0;
+
+    /// What effect `which` of the last trajectory's hypothesis does to each node [N]: rms over frames of the change of
+    /// its force when the effect is taken away while the body stays where it is. False: it cannot be told.
+    virtual bool effect_forces(std::size_t /*which*/, std::span<double> /*rms_n*/) const noexcept { return false; }
 
     /// Other models of the same nominal body (finer discretisation, other laws): their difference from the nominal one
     /// is what may not be blamed on the patient.

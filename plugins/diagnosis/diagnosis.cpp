@@ -535,6 +535,7 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     TERES_TRY_ASSIGN(Forecast forecast, Forecast::make(recordings[0], effects));
     if (!forecast.beginning_fitted) forecast.recording = out.recording;
     simulator.simulate(best.at, out.after, forecast.beginning_fitted ? nullptr : &out.points_m, &out.nodes_after_m);
+    if (named != nullptr && out.significant) place_by_forces(simulator, *named, out.where);
     close_on_held_out(out, forecast, best, effects);
     TERES_TRY_ASSIGN(out.transfers, transfer(problem, forecast, out.nominal, best, recordings, effects));
     out.next_experiment =

@@ -105,6 +105,31 @@ Where locate(Simulator& simulator, const Whitener& whitener, const Recording& re
     return where;
 }
 
+void place_by_forces(const Simulator& simulator, const Cause& named, Where& where) {
+    const EffectTable& table = simulator.effects();
+    const TrajectoryModel& model = simulator.mechanics();
+    std::size_t mechanical = 0;  // index in the hypothesis
+    for (std::size_t k = 0; k < named.entries.size(); ++k) {
+        const EffectEntry& entry = table[named.entries[k]];
+        if (entry.sensor) continue;
+        const std::size_t which = mechanical++;
+        if (!centre_of(entry, named.fit.at.effects[k])) continue;
+        std::vector<double> force_n(model.num_nodes()), rest_m(3 * model.num_nodes());
+        if (!model.effect_forces(which, force_n)) return;
+        model.rest_positions(rest_m);
+        double total = 0.0;
+        Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+        for (std::size_t i = 0; i < force_n.size(); ++i) {
+            total += force_n[i];
+            centre += force_n[i] * Eigen::Map<const Eigen::Vector3d>(&rest_m[3 * i]);
+        }
+        if (!(total > 0.0)) return;
+        centre /= total;
+        where.center_m = {centre.x(), centre.y(), centre.z()};
+        return;
+    }
+}
+
 std::string next_experiment(const EffectTable& effects, const Verdict& verdict, const Confusability& confusability,
                             const Calibration& calibration, bool significant) {
     if (verdict.causes.empty()) return "";

@@ -525,6 +525,23 @@ bool Trajectory::marker_compliance(std::int32_t node, std::span<double> out) con
     return true;
 }
 
+bool Trajectory::effect_forces(std::size_t which, std::span<double> rms_n) const noexcept {
+    TERES_CHECK(rms_n.size() == num_nodes());
+    if (base_.x.empty() || which >= base_.effects.size()) return false;
+    if (base_.frame.empty()) prepare_stresses();
+    Point without{base_.theta, base_.values, {}};
+    without.values.erase(without.values.begin() + static_cast<std::ptrdiff_t>(which));
+    for (std::size_t k = 0, v = 0; k < base_.effects.size(); ++k)
+        if (k != which) without.effects.push_back({base_.effects[k].index, without.values[v++]});
+    std::fill(rms_n.begin(), rms_n.end(), 0.0);
+    visit_changes({without}, [&](std::size_t, std::size_t, const Coefficients&, const VectorXd& dg) {
+        for (std::size_t i = 0; i < rms_n.size(); ++i)
+            rms_n[i] += dg.segment<3>(3 * static_cast<Eigen::Index>(i)).squaredNorm();
+    });
+    for (double& f : rms_n) f = std::sqrt(f / static_cast<double>(num_frames()));
+    return true;
+}
+
 void Trajectory::add_variants(const Case& c, const PlayerSettings& settings) {
     const auto add = [&](const std::string& name, const auto& change) {
         Variant v{name, c, settings, nullptr};

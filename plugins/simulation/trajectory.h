@@ -1,4 +1,4 @@
-// Whole recordings of a case under hypotheses (teres.trajectory_model/2): simulation, and the first-order
+// Whole recordings of a case under hypotheses (teres.trajectory_model/3): simulation, and the first-order
 // response of the markers to other hypotheses by one compliance matrix per frame,
 //
 //     K_f dx = -(g(x_f; other) - g(x_f; base)),   dz_f = H_f dx = -C_f dg,   C_f = H_f K_f^-1   (3M x 3N)
@@ -54,6 +54,7 @@ class Trajectory final : public TrajectoryModel {
                      std::span<double> points_m) noexcept override;
     bool marker_compliance(std::int32_t node, std::span<double> out) const noexcept override;
 
+    bool effect_forces(std::size_t which, std::span<double> rms_n) const noexcept override;
     std::size_t num_variants() const noexcept override { return variants_.size(); }
     const char* variant_name(std::size_t index) const noexcept override { return variants_[index].name.c_str(); }
     TrajectoryReport simulate_variant(std::size_t index, const Hypothesis& h, std::span<const std::int32_t> frames,
