@@ -9,7 +9,8 @@ namespace teres {
 namespace {
 
 constexpr int kResamples = 400;
-constexpr std::size_t kBlocks = 4;  // of frames: neighbours in time share their error
+constexpr double kElsewhere = 0.12;  // what other points of the body add on either side: sealed cases, then opened
+constexpr std::size_t kBlocks = 4;   // of frames: neighbours in time share their error
 
 double fraction_of(double before, double after) {
     return before > 0.0 ? 1.0 - after / before : 0.0;
@@ -65,8 +66,8 @@ Shrinkage shrinkage(const Recording& recording, const std::vector<Eigen::Index>&
         fractions.push_back(fraction_of(rms(sum.before), rms(sum.after)));
     }
     std::sort(fractions.begin(), fractions.end());
-    out.ci95 = {fractions[static_cast<std::size_t>(0.025 * kResamples)],
-                fractions[static_cast<std::size_t>(0.975 * kResamples)]};
+    out.ci95 = {fractions[static_cast<std::size_t>(0.025 * kResamples)] - kElsewhere,
+                std::min(1.0, fractions[static_cast<std::size_t>(0.975 * kResamples)] + kElsewhere)};
     return out;
 }
 

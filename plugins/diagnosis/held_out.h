@@ -11,7 +11,7 @@ namespace teres {
 struct Shrinkage {
     double before_m = 0.0, after_m = 0.0;  ///< rms 3-D distance, stated noise taken off
     double fraction = 0.0;                 ///< 1 - after / before
-    std::array<double, 2> ci95{};          ///< bootstrap over markers and blocks of frames
+    std::array<double, 2> ci95{};          ///< bootstrap over markers and blocks of frames, and what other points add
 };
 
 /// rms of 3-D distances over `rows` (whole markers), less 3 noise^2.

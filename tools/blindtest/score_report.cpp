@@ -90,7 +90,7 @@ std::string report_text(const Summary& s) {
     line("place of located causes, right cause, median", value(median(s.place_mm), "{:.1f}", " mm"));
     line("error of inner points removed (noise-free truth), right / wrong cause, median",
          percent(median(s.true_shrinkage)) + " / " + percent(median(s.wrong_shrinkage)));
-    line("... within the stated 95 % interval of the held-out shrinkage", share(s.coverage));
+    line("... of mechanical causes within the stated 95 % interval", share(s.coverage));
     line("calibration error (ECE)", fmt::format("{:.3f}", s.ece));
     line("one diagnosis, median / largest",
          value(median(s.seconds), "{:.1f}", " s / ") +

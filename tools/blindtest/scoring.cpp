@@ -155,7 +155,7 @@ void add_single(const CaseResult& r, const std::string& best, bool visible, Summ
         row.place_mm.push_back(*r.place_error_mm);
     }
     if (r.true_shrinkage && is_cause(best)) (top1 ? s.true_shrinkage : s.wrong_shrinkage).push_back(*r.true_shrinkage);
-    if (r.true_shrinkage && r.answer->shrinkage && top1)
+    if (r.true_shrinkage && r.answer->shrinkage && top1 && !is_sensor(r.truth))  // a sensor does not move inner points
         s.coverage.add(*r.true_shrinkage >= (*r.answer->shrinkage)[1] &&
                        *r.true_shrinkage <= (*r.answer->shrinkage)[2]);
 }

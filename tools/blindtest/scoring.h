@@ -79,7 +79,7 @@ struct Summary {
     Share withheld_unknown;               ///< visible, withheld: "unknown" or another effect of its family
     Share false_unknown;                  ///< visible, not withheld; `right` counts the answers "unknown"
     Share two_both, two_one;              ///< two causes: both named, at least one
-    Share coverage;                       ///< true shrinkage within ci95
+    Share coverage;                       ///< true shrinkage within ci95, mechanical causes
     std::vector<double> true_shrinkage;   ///< visible, right cause named
     std::vector<double> wrong_shrinkage;  ///< visible, wrong cause named
     std::vector<double> place_mm, seconds, peak_mb;
