@@ -1,0 +1,72 @@
+#include "plugins/diagnosis/problem.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace teres {
+namespace {
+
+constexpr double kLateRatio =
+    3.0;  // mean square of the unfitted end over that of the fitted part: something happens late
+
+double mean_square(const Recording& r, const Eigen::VectorXd& simulated, const std::vector<Eigen::Index>& rows) {
+    double sum = 0.0;
+    for (const Eigen::Index row : rows) sum += std::pow(r.observed(row) - simulated(row), 2);
+    return rows.empty() ? 0.0 : sum / static_cast<double>(rows.size());
+}
+
+}  // namespace
+
+Simulator::Progress stage(const DiagnosisOptions& options, const char* name) {
+    return [&options, name](double part) { return !options.progress || options.progress(name, part); };
+}
+
+Assumption prior_median(const TrajectoryModel& model) {
+    Assumption a;
+    for (std::size_t i = 0; i < model.num_parameters(); ++i)
+        a.theta.push_back(std::clamp(std::exp(model.parameter(i).prior_log_mean), model.parameter(i).lower,
+                                     model.parameter(i).upper));
+    return a;
+}
+
+Whitener whitener_for(const Recording& recording, const Discrepancy& discrepancy, const Eigen::VectorXd& motion,
+                      const Calibration& calibration) {
+    const auto channels = static_cast<Eigen::Index>(3 * recording.num_markers);
+    Eigen::VectorXd sigma(static_cast<Eigen::Index>(recording.fit_rows.size()));
+    for (Eigen::Index k = 0; k < sigma.size(); ++k) {
+        const Eigen::Index row = recording.fit_rows[static_cast<std::size_t>(k)], first = row - row % 3;
+        const double displacement = (motion.segment<3>(first) - motion.segment<3>(first % channels)).norm();
+        sigma(k) =
+            std::sqrt(std::pow(recording.noise_m, 2) + std::pow(calibration.white_floor_m, 2) +
+                      std::pow(discrepancy.remainder_m, 2) + std::pow(calibration.white_share * displacement, 2));
+    }
+    // The columns' coefficients are N(0,1) against data that count as nu numbers, not as all of them.
+    const double counted = std::min(1.0, calibration.nu / static_cast<double>(sigma.size()));
+    return Whitener(recording.fit_rows, sigma, std::sqrt(counted) * discrepancy.columns);
+}
+
+Fit nominal_fit(Problem& problem) {
+    Simulator& simulator = problem.simulator;
+    Eigen::VectorXd motion;
+    simulator.simulate(prior_median(simulator.mechanics()), motion);
+    const auto reweigh = [&](const Eigen::VectorXd& about) {
+        problem.whitener = whitener_for(problem.recording, problem.discrepancy, about, problem.options.calibration);
+    };
+    reweigh(motion);
+    Fit fit = problem.fit(prior_median(simulator.mechanics()), 8, true);
+    if (!fit.usable) return fit;
+    const double inside = mean_square(problem.recording, fit.trajectory, problem.recording.fit_rows);
+    const double outside = mean_square(problem.recording, fit.trajectory, problem.recording.held_rows);
+    if (outside > kLateRatio * std::max(inside, std::pow(problem.recording.noise_m, 2) +
+                                                    std::pow(problem.options.calibration.white_floor_m, 2)))
+        problem.recording.hold_out_markers();
+    reweigh(fit.trajectory);
+    problem.complete(fit);          // the frames between follow from a whole trajectory nearby
+    fit = problem.fit(fit.at, 10);  // without weights: causes are compared with the best that the nominal model can do
+    problem.complete(fit);
+    problem.floor = error_floor(problem.whitener, problem.discrepancy, fit.J, problem.recording.noise_m,
+                                problem.options.calibration);
+    return fit;
+}
+
+}  // namespace teres

@@ -1,0 +1,40 @@
+// One diagnosis' problem: what its stages share, and its nominal fit.
+#pragma once
+
+#include "plugins/diagnosis/diagnosis.h"
+
+namespace teres {
+
+/// Progress of one stage, as the simulator asks for it.
+Simulator::Progress stage(const DiagnosisOptions& options, const char* name);
+
+/// Nominal parameters at their prior median, no effect.
+Assumption prior_median(const TrajectoryModel& model);
+
+/// Stated noise and what the discrepancy columns leave: an absolute part, and a share of each marker's displacement in
+/// `motion`.
+Whitener whitener_for(const Recording& recording, const Discrepancy& discrepancy, const Eigen::VectorXd& motion,
+                      const Calibration& calibration);
+
+struct Problem {
+    Simulator& simulator;
+    Recording& recording;
+    const DiagnosisOptions& options;
+    Discrepancy discrepancy;
+    Whitener whitener;
+    ErrorFloor floor{};
+
+    Fit fit(const Assumption& start, int iterations, bool robust = false) {
+        return fit_jointly(
+            simulator, whitener, recording.observed, start,
+            {.max_iterations = iterations, .growing = simulator.mechanics().dynamic(), .robust = robust});
+    }
+    /// Every frame simulated, exact derivatives: the base of a search.
+    void complete(Fit& fit) { teres::complete(simulator, whitener, recording.observed, fit); }
+};
+
+/// Nominal parameters alone; whether the last frames are held out or, if something happens in them, markers. Sets
+/// whitener and floor.
+Fit nominal_fit(Problem& problem);
+
+}  // namespace teres
