@@ -5,7 +5,9 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <numeric>
 #include <set>
+#include <string_view>
 
 #include "core/case/load_tracks.h"
 #include "tests/support/synthetic_case.h"
@@ -85,6 +87,32 @@ TEST(Trajectory, NominalIsTheForwardModel) {
     }
     EXPECT_GT(moved, 3e-3);
     EXPECT_LT(error, 2e-3 * moved);
+}
+
+// By hand: weight pulls every node by its mass, so the forces sum to M g; a ligament that lets go half way misses at
+// its own nodes only.
+TEST(Trajectory, ForcesOfAnEffectStandWhereItActs) {
+    const Case c = block();
+    auto t = *Trajectory::make(c, exact());
+    const auto index_of = [&](std::string_view id) {
+        std::int32_t e = 0;
+        while (t->effect(static_cast<std::size_t>(e)).id != id) ++e;
+        return e;
+    };
+    const std::vector<double> g{0.0, 0.0, -2.0}, torn{0.9, 0.0, 0.02, 0.02, 0.05, 0.5, 0.01};
+    const std::vector<EffectInstance> effects{{index_of("gravity"), g}, {index_of("ligament_tear"), torn}};
+    std::vector<double> force(t->num_nodes());
+    EXPECT_FALSE(t->effect_forces(0, force)) << "no trajectory yet";
+    markers_under(*t, prior(*t), effects);
+    ASSERT_TRUE(t->effect_forces(0, force));
+    const double mass = 0.10 * 0.04 * 0.04 * c.body.density_kg_m3;
+    EXPECT_NEAR(std::accumulate(force.begin(), force.end(), 0.0), 2.0 * mass, 1e-6 * mass);
+    ASSERT_TRUE(t->effect_forces(1, force));
+    double at_ligament = 0.0, elsewhere = 0.0;
+    for (std::size_t i = 0; i < force.size(); ++i) (c.mesh.nodes[i][0] == 0.0 ? at_ligament : elsewhere) += force[i];
+    EXPECT_GT(at_ligament, 1e-3);
+    EXPECT_LT(elsewhere, 1e-12);
+    EXPECT_FALSE(t->effect_forces(2, force));
 }
 
 // All effects of the catalogue, each at a candidate of its own.
