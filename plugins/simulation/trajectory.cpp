@@ -544,7 +544,7 @@ bool Trajectory::effect_forces(std::size_t which, std::span<double> rms_n) const
 
 void Trajectory::add_variants(const Case& c, const PlayerSettings& settings) {
     const auto add = [&](const std::string& name, const auto& change) {
-        Variant v{name, c, settings, nullptr};
+        Variant v{name, c, settings};
         v.settings.soft_clamps = false;
         change(v);
         variants_.push_back(std::move(v));
@@ -572,18 +572,15 @@ void Trajectory::add_variants(const Case& c, const PlayerSettings& settings) {
 TrajectoryReport Trajectory::simulate_variant(std::size_t index, const Hypothesis& h,
                                               std::span<const std::int32_t> frames,
                                               std::span<double> markers_m) noexcept {
-    Variant& v = variants_[index];
-    if (!v.player) {
-        auto made = ScenePlayer::make(v.data, v.settings);
-        if (!made) return {static_cast<std::int32_t>(frames.size()), 0, 1.0};
-        v.player = std::move(*made);
-    }
-    CaseModel& model = v.player->model();
+    const Variant& v = variants_[index];
+    const auto player = ScenePlayer::make(v.data, v.settings);  // asked once: ten kept ones would take a gigabyte
+    if (!player) return {static_cast<std::int32_t>(frames.size()), 0, 1.0};
+    CaseModel& model = (*player)->model();
     const std::size_t markers = 3 * model.num_markers(), dofs = 3 * model.num_nodes();
     TERES_CHECK(markers_m.size() == frames.size() * markers);
     std::vector<double> whole(model.num_state(), 0.0);
     std::size_t k = 0;
-    return v.player->play(h, effects_, frames, [&](std::size_t, const double* x) {
+    return (*player)->play(h, effects_, frames, [&](std::size_t, const double* x) {
         std::copy_n(x, dofs, whole.begin());
         model.observe(whole, markers_m.subspan(k++ * markers, markers), 1);
     });

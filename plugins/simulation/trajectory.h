@@ -68,7 +68,6 @@ class Trajectory final : public TrajectoryModel {
         std::string name;
         Case data;
         PlayerSettings settings;
-        std::unique_ptr<ScenePlayer> player;  // made on first use
     };
     // The base trajectory and what first_order() needs of it.
     struct BodyState {  // of a set of strain points, elastic_stress()
