@@ -21,11 +21,9 @@ struct Calibration {
     /// other models differ, as a share of that difference (error_floor.h).
     double model_error = 0.3;
     double discrepancy_share = 0.5;
-    /// Share of what a mechanical cause explains that remains because its real form is not quite the catalogue's: a
-    /// further effect must explain more than that.
-    double form_error = 0.1;
-    double form_error_dynamic =
-        0.02;  ///< the same of a recording with inertia: modulus, damping and mass have the forms of the catalogue
+    /// Share of what mechanical causes explain of a recording with inertia that remains because their real form is not
+    /// quite the catalogue's: a further effect must explain more than that (static recordings: form_columns.h).
+    double form_error_dynamic = 0.02;
     /// White part of the model error that the discrepancy columns miss: an absolute part [m] and a share of the
     /// marker's own displacement.
     double white_floor_m = 1.5e-4;

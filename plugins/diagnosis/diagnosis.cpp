@@ -163,19 +163,13 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     stage(options, "nominal fit")(1.0);
 
     // One effect; then, as long as it pays, one more on top of the best.
-    std::vector<Cause> causes = search(problem, out.nominal, nullptr, out.screening);
+    std::vector<Cause> causes = search(problem, out.nominal, out.screening);
     out.confusability = confusability(out.screening, out.nominal.J);
-    for (int count = 2; count <= options.max_effects && !causes.empty() && causes.front().fit.usable; ++count) {
-        const Cause best = causes.front();
-        if (best.score < options.calibration.none_bonus) break;
-        if (best.fit.cost < problem.floor.total() + form_error(problem, out.nominal, best)) break;
-        Screening further;
-        const std::vector<Cause> larger = search(problem, out.nominal, &best, further);
-        causes.insert(causes.end(), larger.begin(), larger.end());
-        if (larger.empty() || larger.front().score <= best.score || larger.front().explained > kNearlyAll) break;
-        std::stable_sort(causes.begin(), causes.end(),
-                         [](const Cause& a, const Cause& b) { return a.score > b.score; });
-    }
+    const bool something = unknown_gain(out.nominal.cost, problem.floor, options.calibration) >
+                           options.calibration.unknown_price + options.calibration.none_bonus;
+    for (int count = 2; something && count <= options.max_effects && !causes.empty(); ++count)
+        if ((count > 2 && causes.front().explained > kNearlyAll) || !search_further(problem, out.nominal, causes))
+            break;
     out.verdict = judge(std::move(causes), out.nominal.cost, problem.floor, options.calibration);
     out.significant = out.verdict.none_probability < 0.5;
 

@@ -1,8 +1,14 @@
 #include "plugins/diagnosis/effect_table.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace teres {
+namespace {
+
+constexpr double kLeastShare = 0.05;  // of a parameter that cannot be zero
+
+}  // namespace
 
 const double* value_of(const EffectEntry& entry, const ActiveEffect& effect, std::string_view name) {
     for (std::size_t p = 0; p < entry.parameters.size(); ++p)
@@ -15,6 +21,13 @@ std::optional<Eigen::Vector3d> centre_of(const EffectEntry& entry, const ActiveE
                  *z = value_of(entry, effect, "center_z");
     if (x == nullptr || y == nullptr || z == nullptr) return std::nullopt;
     return Eigen::Vector3d(*x, *y, *z);
+}
+
+double at_share(const EffectParameter& parameter, double candidate, double share) {
+    const double null = parameter.null_value;
+    if (parameter.transform != EffectTransform::kLog) return null + share * (candidate - null);
+    if (null > 0.0) return null * std::pow(candidate / null, share);
+    return std::max(share, kLeastShare) * candidate;
 }
 
 EffectTable::EffectTable(const TrajectoryModel& mechanics, const ObservationModel* sensors,

@@ -33,6 +33,10 @@ const double* value_of(const EffectEntry& entry, const ActiveEffect& effect, std
 /// (center_x, center_y, center_z) [m, body frame]; nothing if the effect has no place.
 std::optional<Eigen::Vector3d> centre_of(const EffectEntry& entry, const ActiveEffect& effect);
 
+/// Value of an amplitude at a share of a candidate's: 0 is null, 1 the candidate. A parameter that cannot be zero keeps
+/// the sign of the candidate.
+double at_share(const EffectParameter& parameter, double candidate, double share);
+
 /// What is held to be true of the body and the sensors.
 struct Assumption {
     std::vector<double> theta;  ///< physical parameters of the nominal model

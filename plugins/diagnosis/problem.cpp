@@ -59,7 +59,7 @@ Fit nominal_fit(Problem& problem) {
     const double outside = mean_square(problem.recording, fit.trajectory, problem.recording.held_rows);
     if (outside > kLateRatio * std::max(inside, std::pow(problem.recording.noise_m, 2) +
                                                     std::pow(problem.options.calibration.white_floor_m, 2)))
-        problem.recording.hold_out_markers();
+        problem.recording.hold_out_markers(fit.trajectory);
     reweigh(fit.trajectory);
     problem.complete(fit);          // the frames between follow from a whole trajectory nearby
     fit = problem.fit(fit.at, 10);  // without weights: causes are compared with the best that the nominal model can do

@@ -29,6 +29,11 @@ struct Problem {
             simulator, whitener, recording.observed, start,
             {.max_iterations = iterations, .growing = simulator.mechanics().dynamic(), .robust = robust});
     }
+    /// Observed minus fitted, 0 where lost [m].
+    Eigen::VectorXd residual_of(const Fit& fit) const {
+        const Eigen::VectorXd difference = recording.observed - fit.trajectory;
+        return difference.array().isFinite().select(difference, 0.0);
+    }
     /// Every frame simulated, exact derivatives: the base of a search.
     void complete(Fit& fit) { teres::complete(simulator, whitener, recording.observed, fit); }
 };

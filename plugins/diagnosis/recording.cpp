@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 namespace teres {
 namespace {
@@ -26,15 +27,30 @@ void Recording::hold_out_frames(std::size_t first) {
     for (const Eigen::Index row : seen_rows()) (frame_of(row) < first_held_frame ? fit_rows : held_rows).push_back(row);
 }
 
-void Recording::hold_out_markers() {
+void Recording::hold_out_markers(const Eigen::VectorXd& simulated) {
+    std::vector<double> gap(num_markers), count(num_markers);
+    for (const Eigen::Index row : seen_rows()) {
+        gap[marker_of(row)] += std::pow(observed(row) - simulated(row), 2);
+        count[marker_of(row)] += 1.0;
+    }
+    for (std::size_t m = 0; m < num_markers; ++m) gap[m] /= std::max(1.0, count[m]);
+    std::vector<std::int32_t> order(num_markers);
+    std::iota(order.begin(), order.end(), 0);
+    std::stable_sort(order.begin(), order.end(), [&](std::int32_t a, std::int32_t b) {
+        return gap[static_cast<std::size_t>(a)] > gap[static_cast<std::size_t>(b)];
+    });
     first_held_frame = num_frames;
     held_markers.clear();
     fit_rows.clear();
     held_rows.clear();
-    for (std::size_t m = kHeldMarkers / 2; m < num_markers; m += kHeldMarkers)
-        held_markers.push_back(static_cast<std::int32_t>(m));
-    for (const Eigen::Index row : seen_rows())
-        (marker_of(row) % kHeldMarkers == kHeldMarkers / 2 ? held_rows : fit_rows).push_back(row);
+    for (std::size_t rank = kHeldMarkers / 2; rank < num_markers; rank += kHeldMarkers)
+        held_markers.push_back(order[rank]);
+    std::sort(held_markers.begin(), held_markers.end());
+    for (const Eigen::Index row : seen_rows()) {
+        const bool held =
+            std::binary_search(held_markers.begin(), held_markers.end(), static_cast<std::int32_t>(marker_of(row)));
+        (held ? held_rows : fit_rows).push_back(row);
+    }
 }
 
 Result<Recording> make_recording(const GapRecording& from) {

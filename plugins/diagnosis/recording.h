@@ -27,8 +27,10 @@ struct Recording {
     void hold_out_frames() { hold_out_frames(num_frames - std::max<std::size_t>(1, num_frames / kHeldShare)); }
     /// Holds out this frame and those after it.
     void hold_out_frames(std::size_t first);
-    /// Holds out every fifth marker in all frames: for recordings in which something happens late.
-    void hold_out_markers();
+    /// Holds out markers in all frames: for recordings in which something happens late. Every fifth one in the order of
+    /// its gap to `simulated`, so that those held out see as much of it as those fitted; never the two worst, which may
+    /// have slipped or been exchanged.
+    void hold_out_markers(const Eigen::VectorXd& simulated);
     std::vector<Eigen::Index> seen_rows() const;
 
     static constexpr std::size_t kHeldShare = 6;  ///< one frame of six is held out, at the end

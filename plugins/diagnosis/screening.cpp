@@ -12,7 +12,7 @@ namespace {
 constexpr double kTailDegrees = 4.0;
 constexpr Eigen::Index kCountedAmplitudes = 7;
 constexpr std::int32_t kFewCandidates = 3;  // of a mechanical effect where each costs a whole simulation
-constexpr double kLeastShare = 0.05;        // of a candidate's amplitude: start of parameters that cannot be zero
+constexpr double kApart = 0.12;             // least distance of the best places, share of the extent of all
 
 // A (I + J J^T)-weighted inner product without forming the matrix: <a, b> = a.b - (J'a)'(I + J'J)^-1 (J'b).
 class NuisanceMetric {
@@ -49,11 +49,6 @@ ShareBounds share_bounds(const EffectParameter& p, double candidate) {
     const double a = share(p.lower), b = share(p.upper);
     return {std::min(a, b), std::max(a, b)};
 }
-double share_value(const EffectParameter& p, double candidate, double share) {
-    if (p.transform != EffectTransform::kLog) return p.null_value + share * (candidate - p.null_value);
-    if (p.null_value > 0.0) return p.null_value * std::pow(candidate / p.null_value, share);
-    return std::max(share, kLeastShare) * candidate;
-}
 
 // A candidate with the shares `a` of its amplitudes.
 ActiveEffect scaled(const EffectEntry& entry, const ActiveEffect& full, const std::vector<std::size_t>& amplitude,
@@ -62,7 +57,7 @@ ActiveEffect scaled(const EffectEntry& entry, const ActiveEffect& full, const st
     for (std::size_t i = 0; i < amplitude.size(); ++i) {
         const EffectParameter& p = entry.parameters[amplitude[i]];
         const double share = std::clamp(a(static_cast<Eigen::Index>(i)), -4.0, 4.0);
-        out.values[amplitude[i]] = std::clamp(share_value(p, full.values[amplitude[i]], share), p.lower, p.upper);
+        out.values[amplitude[i]] = std::clamp(at_share(p, full.values[amplitude[i]], share), p.lower, p.upper);
     }
     return out;
 }
@@ -81,18 +76,19 @@ void take_place(std::vector<PlaceGain>& places, const std::optional<Eigen::Vecto
 
 }  // namespace
 
-double extent_m(const std::vector<PlaceGain>& places) {
+double apart_m(const std::vector<PlaceGain>& places) {
     Eigen::AlignedBox3d box;
     for (const PlaceGain& place : places) box.extend(place.centre_m);
-    return box.isEmpty() ? 0.0 : box.diagonal().norm();
+    return box.isEmpty() ? 0.0 : kApart * box.diagonal().norm();
 }
 
-std::vector<PlaceGain> best_places(std::vector<PlaceGain> places, std::size_t count, double apart_m) {
+std::vector<PlaceGain> best_places(std::vector<PlaceGain> places, std::size_t count) {
+    const double apart = apart_m(places);
     std::stable_sort(places.begin(), places.end(), [](const auto& a, const auto& b) { return a.score > b.score; });
     std::vector<PlaceGain> chosen;
     for (PlaceGain& place : places)
         if (chosen.size() < count && std::none_of(chosen.begin(), chosen.end(), [&](const PlaceGain& c) {
-                return (c.centre_m - place.centre_m).norm() < apart_m;
+                return (c.centre_m - place.centre_m).norm() < apart;
             }))
             chosen.push_back(std::move(place));
     return chosen;

@@ -66,10 +66,10 @@ struct Signatures {
 Signatures signatures(Simulator& simulator, const Fit& base, const std::vector<std::size_t>& skip,
                       const Simulator::Progress& progress);
 
-/// Diagonal of the box around the places [m].
-double extent_m(const std::vector<PlaceGain>& places);
-/// The best places of an effect, each at least `apart_m` from the better ones.
-std::vector<PlaceGain> best_places(std::vector<PlaceGain> places, std::size_t count, double apart_m);
+/// Distance from which two places count as different ones [m]: 0.12 of the diagonal of the box around all.
+double apart_m(const std::vector<PlaceGain>& places);
+/// The best places of an effect, each apart from the better ones.
+std::vector<PlaceGain> best_places(std::vector<PlaceGain> places, std::size_t count);
 
 /// num_frames: only so many frames from the first count (all: that of the simulator). A phase that runs away is first
 /// order at the beginning only.

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "plugins/diagnosis/form_columns.h"
 #include "plugins/diagnosis/shape_search.h"
 #include "plugins/diagnosis/strong_start.h"
 #include "plugins/diagnosis/white_noise.h"
@@ -19,32 +20,31 @@ constexpr double kMost = 0.9;           // explained: the search need not go on
 constexpr std::size_t kSecondLook = 3;  // effects fitted besides if it has to
 constexpr double kLeastExplained = 0.02;  // of the nominal cost, by first order: less is not worth a fit
 constexpr double kLeastEarly = 0.1;       // ... of the cost of the beginning of a dynamic recording
+constexpr int kExchanges = 2;             // of the first effect of a pair
+constexpr double kFormShare = 0.2;        // standard deviation of a form, share of the effect's motion
 constexpr std::size_t kPlaces = 3;        // from which the best answer is fitted
 constexpr double kApart = 0.12;           // their least distance, share of the extent of all
 
 // The effect `noise` moves nothing; it is worth the white part of what is left.
-void take_noise(Problem& problem, Cause& cause) {
-    for (ActiveEffect& effect : cause.fit.at.effects) {
+void take_noise(Problem& problem, Fit& fit) {
+    for (ActiveEffect& effect : fit.at.effects) {
         const EffectEntry& entry = problem.simulator.effects()[effect.entry];
-        Assumption alone{cause.fit.at.theta, {problem.simulator.effects().candidate(effect.entry, 0)}};
+        Assumption alone{fit.at.theta, {problem.simulator.effects().candidate(effect.entry, 0)}};
         if (!entry.sensor || problem.simulator.noise_factor(alone) == 1.0) continue;
-        const double factor = std::max(
-            1.0, white_noise_factor(cause.fit.residual, problem.whitener.rows(), problem.recording.num_markers));
+        const double factor =
+            std::max(1.0, white_noise_factor(fit.residual, problem.whitener.rows(), problem.recording.num_markers));
         for (std::size_t p = 0; p < effect.values.size(); ++p)
             effect.values[p] = std::clamp(factor, entry.parameters[p].lower, entry.parameters[p].upper);
-        cause.fit.cost /= factor * factor;
-        cause.fit.misfit /= factor * factor;
+        fit.cost /= factor * factor;
+        fit.misfit /= factor * factor;
     }
 }
 
 // The amplitudes of an effect half way back to where it is off.
 void halve(const EffectEntry& entry, ActiveEffect& effect) {
     for (std::size_t p = 0; p < entry.parameters.size(); ++p) {
-        double& value = effect.values[p];
-        const double null = entry.parameters[p].null_value;
-        if (entry.parameters[p].role != EffectRole::kAmplitude) continue;
-        value = entry.parameters[p].transform == EffectTransform::kLog && null > 0.0 ? std::sqrt(value * null)
-                                                                                     : 0.5 * (value + null);
+        if (entry.parameters[p].role == EffectRole::kAmplitude)
+            effect.values[p] = at_share(entry.parameters[p], effect.values[p], 0.5);
     }
 }
 
@@ -75,24 +75,70 @@ Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const Effe
     cause.fit = problem.fit(start, iterations);
     if (!cause.fit.usable) return cause;
     improve_shapes(problem.simulator, problem.whitener, problem.recording.observed, cause.fit);
-    take_noise(problem, cause);
+    take_noise(problem, cause.fit);
     return cause;
 }
 
-// `known`: what the cause was searched on top of, or null.
-void score(Problem& problem, const Fit& nominal, const Cause* known, Cause& cause) {
+// Cost that `known` leaves in a recording with inertia because a mechanical effect never has quite the form of the
+// catalogue's; otherwise LooserForms say which residuals that can be.
+double form_error(const Problem& problem, const Fit& nominal, const Cause& known) {
+    const EffectTable& effects = problem.simulator.effects();
+    const bool mechanical =
+        std::any_of(known.entries.begin(), known.entries.end(), [&](std::size_t e) { return !effects[e].sensor; });
+    return mechanical && problem.simulator.mechanics().dynamic()
+               ? problem.options.calibration.form_error_dynamic * std::max(0.0, nominal.cost - known.fit.cost)
+               : 0.0;
+}
+
+double misfit(const Fit& fit, Eigen::Index nominal_parameters) {
+    return fit.cost - fit.u.tail(fit.u.size() - nominal_parameters).squaredNorm();
+}
+
+// What one more effect is searched on top of, under the metric in which the known ones may be off in their form.
+struct Base {
+    const Cause& known;
+    Fit fit;
+};
+
+// `base`: what the cause was searched on top of, or null.
+void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause) {
     if (!cause.fit.usable) {
         cause.score = -1e9;
         return;
     }
-    cause.score = refit_score(nominal, cause, problem.simulator.effects(), problem.floor, problem.options.calibration);
-    cause.explained = explained_share(nominal.cost, cause.fit.cost, problem.floor);
-    if (known == nullptr) return;
-    const double before = problem.floor.above(known->fit.cost), after = problem.floor.above(cause.fit.cost),
-                 form = form_error(problem, nominal, *known);
-    cause.score -=
-        0.5 * problem.options.calibration.nu * (std::log(before / after) - std::log((before + form) / (after + form)));
+    const ErrorFloor& floor = problem.floor;
+    cause.score = refit_score(nominal, cause, problem.simulator.effects(), floor, problem.options.calibration);
+    cause.explained = explained_share(nominal.cost, cause.fit.cost, floor);
+    if (base == nullptr) return;
+    // The known effects gain what they gained alone; the further one what it gains beside their looser forms.
+    const Eigen::Index n = nominal.u.size();
+    const double alone = floor.above(misfit(base->fit, n)), both = floor.above(cause.misfit),
+                 form = form_error(problem, nominal, base->known);
+    cause.score -= 0.5 * problem.options.calibration.nu *
+                   (std::log(floor.above(base->known.misfit) / alone) + std::log(alone / both) -
+                    std::log((alone + form) / (both + form)));
 }
+
+// The forms of what is known may be off while more is searched: the whitener carries their columns.
+class LooserForms {
+  public:
+    LooserForms(Problem& problem, const Fit& nominal, const Fit& known)
+        : problem_(problem), whitener_(problem.whitener) {
+        if (problem.simulator.mechanics().dynamic()) return;
+        const Eigen::MatrixXd columns = form_columns(problem.simulator, known.at, known.trajectory, kFormShare);
+        Discrepancy looser = problem.discrepancy;
+        looser.columns.conservativeResize(Eigen::NoChange, looser.columns.cols() + columns.cols());
+        looser.columns.rightCols(columns.cols()) = columns;
+        problem.whitener = whitener_for(problem.recording, looser, nominal.trajectory, problem.options.calibration);
+    }
+    ~LooserForms() { problem_.whitener = std::move(whitener_); }
+    LooserForms(const LooserForms&) = delete;
+    LooserForms& operator=(const LooserForms&) = delete;
+
+  private:
+    Problem& problem_;
+    Whitener whitener_;
+};
 
 // The same from where the effect acts at full size, if that is nearer than where first order leads.
 void refit_strongly(Problem& problem, const Fit& nominal, const EffectScreening& added, Cause& cause) {
@@ -157,46 +203,49 @@ Screening try_beginnings(Problem& problem, const Fit& base, const Cause* known, 
 }
 
 // A place is found by descent, which ends in the nearest hollow: the best answer starts from other places as well.
-void try_other_places(Problem& problem, const Fit& nominal, const Cause* known, const Screening& screening,
+void try_other_places(Problem& problem, const Fit& nominal, const Base* base, const Screening& screening,
                       Cause& cause) {
     const auto screened = std::find_if(screening.effects.begin(), screening.effects.end(),
                                        [&](const auto& e) { return e.entry == cause.entries.back(); });
     if (!cause.fit.usable || screened == screening.effects.end() || screened->places.empty()) return;
     const EffectEntry& entry = problem.simulator.effects()[screened->entry];
-    const double apart_m = kApart * extent_m(screened->places);
-    for (const PlaceGain& place : best_places(screened->places, kPlaces, apart_m)) {
+    const double apart = apart_m(screened->places);
+    for (const PlaceGain& place : best_places(screened->places, kPlaces)) {
         const auto found = centre_of(entry, cause.fit.at.effects.back()), begun = centre_of(entry, screened->start);
-        if ((place.centre_m - *found).norm() < apart_m || place.centre_m == *begun) continue;
+        if ((place.centre_m - *found).norm() < apart || place.centre_m == *begun) continue;
         EffectScreening there = *screened;
         there.start = place.start;
-        Cause other = refit(problem, nominal, known, there, 6);
+        Cause other = refit(problem, nominal, base != nullptr ? &base->known : nullptr, there, 6);
         if (other.fit.usable && other.fit.cost < cause.fit.cost) cause = std::move(other);
     }
-    score(problem, nominal, known, cause);
+    score(problem, nominal, base, cause);
 }
 
-}  // namespace
-
-double form_error(Problem& problem, const Fit& nominal, const Cause& known) {
-    const EffectTable& effects = problem.simulator.effects();
-    const bool mechanical =
-        std::any_of(known.entries.begin(), known.entries.end(), [&](std::size_t e) { return !effects[e].sensor; });
-    const Calibration& c = problem.options.calibration;
-    return mechanical ? (problem.simulator.mechanics().dynamic() ? c.form_error_dynamic : c.form_error) *
-                            std::max(0.0, nominal.cost - known.fit.cost)
-                      : 0.0;
+// One cause for each set of effects.
+void keep_better(std::vector<Cause>& causes, Cause cause) {
+    const auto set = [](std::vector<std::size_t> entries) {
+        std::sort(entries.begin(), entries.end());
+        return entries;
+    };
+    const auto same = std::find_if(causes.begin(), causes.end(),
+                                   [&](const Cause& c) { return set(c.entries) == set(cause.entries); });
+    if (same == causes.end())
+        causes.push_back(std::move(cause));
+    else if (cause.fit.usable && (!same->fit.usable || cause.score > same->score))
+        *same = std::move(cause);
 }
 
-std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* known, Screening& screening) {
+// Effects on top of `base`, or, where that is null, of the nominal fit, which then is the simulator's base.
+std::vector<Cause> search_on(Problem& problem, const Fit& nominal, const Base* base, Screening& screening) {
     const DiagnosisOptions& options = problem.options;
-    Fit base = known != nullptr ? known->fit : nominal;
-    if (known != nullptr) problem.complete(base);  // the nominal fit is complete, and the simulator's base
+    const Cause* known = base != nullptr ? &base->known : nullptr;
+    const Fit& from = base != nullptr ? base->fit : nominal;
     const Signatures all =
-        signatures(problem.simulator, base, known != nullptr ? known->entries : std::vector<std::size_t>{},
+        signatures(problem.simulator, from, known != nullptr ? known->entries : std::vector<std::size_t>{},
                    stage(options, known == nullptr ? "screening effects" : "screening further effects"));
     const std::size_t frames = problem.recording.num_frames;
     const auto screen_first = [&](std::size_t num_frames) {
-        return screen(problem.simulator, all, problem.whitener, problem.floor, base, options.calibration, num_frames);
+        return screen(problem.simulator, all, problem.whitener, problem.floor, from, options.calibration, num_frames);
     };
     screening = screen_first(frames);
     std::vector<Cause> causes;
@@ -208,7 +257,7 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* kno
                 chosen.push_back(from.effects[k]);
     };
     if (problem.simulator.mechanics().dynamic())
-        choose(try_beginnings(problem, base, known, screen_first(frames / 4)), 3, 1);
+        choose(try_beginnings(problem, from, known, screen_first(frames / 4)), 3, 1);
     if (known == nullptr)
         choose(screening, static_cast<std::size_t>(options.num_refits) - 2, 2);
     else
@@ -223,7 +272,7 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* kno
         for (std::size_t k = first; k < chosen.size(); ++k) {
             if (causes.size() >= 2 && settled(k)) continue;
             causes.push_back(refit(problem, nominal, known, chosen[k], known == nullptr ? 8 : 6));
-            score(problem, nominal, known, causes.back());
+            score(problem, nominal, base, causes.back());
             stage(options, known == nullptr ? "fitting the best effects" : "fitting further effects")(
                 static_cast<double>(k + 1 - first) / static_cast<double>(chosen.size() - first));
         }
@@ -254,18 +303,88 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* kno
             causes.push_back(std::move(cause));
         }
     std::stable_sort(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) { return a.score > b.score; });
-    if (!causes.empty()) try_other_places(problem, nominal, known, screening, causes.front());
+    if (!causes.empty()) try_other_places(problem, nominal, base, screening, causes.front());
     for (std::size_t k = 0; k < causes.size() && k < kPolished; ++k) {
         if (!causes[k].fit.usable) continue;
         Fit better = problem.fit(causes[k].fit.at, 6);
         if (better.usable && better.misfit < causes[k].fit.residual.squaredNorm()) {
             causes[k].fit = std::move(better);
-            take_noise(problem, causes[k]);
+            take_noise(problem, causes[k].fit);
         }
-        score(problem, nominal, known, causes[k]);
+        score(problem, nominal, base, causes[k]);
     }
     std::stable_sort(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) { return a.score > b.score; });
     return causes;
+}
+
+// One effect more than `known`, whose form may be off meanwhile. Nothing if that explains what is left.
+std::vector<Cause> search_on_top(Problem& problem, const Fit& nominal, const Cause& known) {
+    std::vector<Cause> larger;
+    {
+        const LooserForms looser(problem, nominal, known.fit);
+        Base base{known, problem.fit(known.fit.at, 4)};
+        if (!base.fit.usable) return larger;
+        problem.complete(base.fit);
+        take_noise(problem, base.fit);
+        if (base.fit.cost < problem.floor.total() + form_error(problem, nominal, known)) return larger;
+        Screening screening;
+        larger = search_on(problem, nominal, &base, screening);
+    }
+    for (Cause& cause : larger) {  // what is told and compared with `unknown` is the misfit itself
+        if (!cause.fit.usable) continue;
+        const double before = cause.fit.misfit, noise = problem.simulator.noise_factor(cause.fit.at);
+        cause.fit.residual = problem.whitener(problem.residual_of(cause.fit));
+        cause.fit.misfit = cause.fit.residual.squaredNorm() / (noise * noise);
+        cause.fit.cost += cause.fit.misfit - before;
+        cause.misfit += cause.fit.misfit - before;
+        cause.explained = explained_share(nominal.cost, cause.fit.cost, problem.floor);
+    }
+    return larger;
+}
+
+}  // namespace
+
+std::vector<Cause> search(Problem& problem, const Fit& nominal, Screening& screening) {
+    return search_on(problem, nominal, nullptr, screening);
+}
+
+bool search_further(Problem& problem, const Fit& nominal, std::vector<Cause>& causes) {
+    const auto better = [](const Cause& a, const Cause& b) { return a.score > b.score; };
+    const double best_before = causes.front().score;
+    // Where no single effect pays, the pair begins with the one that explains most.
+    Cause base = causes.front();
+    if (best_before < problem.options.calibration.none_bonus)
+        for (const Cause& cause : causes)
+            if (cause.fit.usable && (!base.fit.usable || cause.misfit < base.misfit)) base = cause;
+    if (!base.fit.usable) return false;
+    std::vector<std::size_t> tried;  // effects that were a pair's first
+    for (int exchange = 0; exchange <= kExchanges; ++exchange) {
+        std::vector<Cause> larger = search_on_top(problem, nominal, base);
+        if (larger.empty() || !larger.front().fit.usable) break;
+        const Cause best = larger.front();
+        for (Cause& cause : larger) keep_better(causes, std::move(cause));
+        if (base.entries.size() != 1 || problem.simulator.mechanics().dynamic()) break;
+        tried.push_back(base.entries[0]);
+        const std::size_t added = best.entries.back();
+        if (std::find(tried.begin(), tried.end(), added) != tried.end()) break;
+        const auto fitted = std::find_if(causes.begin(), causes.end(), [&](const Cause& c) {
+            return c.entries == std::vector{added} && c.fit.usable;
+        });
+        if (fitted != causes.end()) {
+            base = *fitted;
+            continue;
+        }
+        EffectScreening alone;
+        alone.entry = added;
+        alone.start = best.fit.at.effects.back();
+        alone.search_cost = best.search_cost - base.search_cost;
+        base = refit(problem, nominal, nullptr, alone, 6);
+        score(problem, nominal, nullptr, base);
+        if (!base.fit.usable) break;
+        keep_better(causes, base);
+    }
+    std::stable_sort(causes.begin(), causes.end(), better);
+    return causes.front().score > best_before;
 }
 
 }  // namespace teres

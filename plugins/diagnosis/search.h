@@ -7,11 +7,13 @@
 
 namespace teres {
 
-/// Cost that `known` leaves because a mechanical cause never has quite the form of the catalogue's.
-double form_error(Problem& problem, const Fit& nominal, const Cause& known);
+/// Screens all effects and refits the best; best score first. Effects that were only screened keep their linear score.
+/// The simulator's base is the nominal fit.
+std::vector<Cause> search(Problem& problem, const Fit& nominal, Screening& screening);
 
-/// Screens all effects on top of `known` (null: nothing) and refits the best; best score first. Effects that were only
-/// screened keep their linear score.
-std::vector<Cause> search(Problem& problem, const Fit& nominal, const Cause* known, Screening& screening);
+/// Searches one effect more on top of the best of `causes` and adds what it finds. A first effect that was a compromise
+/// between two is exchanged: what was added to it is fitted alone, and searched on top of, until the pair stays.
+/// False: nothing was found that is better than the best before.
+bool search_further(Problem& problem, const Fit& nominal, std::vector<Cause>& causes);
 
 }  // namespace teres

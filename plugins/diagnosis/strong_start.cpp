@@ -9,7 +9,6 @@ namespace {
 
 constexpr std::size_t kFewPlaces = 9, kBestPlaces = 3;
 constexpr std::array kSizes{1.0, 3.0};  // of a candidate
-constexpr double kApart = 0.12;         // least distance of the best places, share of the extent of all
 
 // The candidate's amplitudes times `size`, each to the side of null on which `start` lies.
 ActiveEffect grown(const EffectEntry& entry, const ActiveEffect& candidate, const ActiveEffect& start, double size) {
@@ -19,10 +18,7 @@ ActiveEffect grown(const EffectEntry& entry, const ActiveEffect& candidate, cons
         const double null = parameter.null_value, full = candidate.values[p];
         if (parameter.role != EffectRole::kAmplitude || full == null) continue;
         const double signed_size = (start.values[p] - null) * (full - null) < 0.0 ? -size : size;
-        const double value = parameter.transform == EffectTransform::kLog && null > 0.0
-                                 ? null * std::pow(full / null, signed_size)
-                                 : null + signed_size * (full - null);
-        out.values[p] = std::clamp(value, parameter.lower, parameter.upper);
+        out.values[p] = std::clamp(at_share(parameter, full, signed_size), parameter.lower, parameter.upper);
     }
     return out;
 }
@@ -42,9 +38,8 @@ std::vector<Assumption> strong_starts(const EffectTable& effects, const EffectSc
         add(screened.candidate, screened.start);
         return starts;
     }
-    const auto places = screened.places.size() <= kFewPlaces
-                            ? screened.places
-                            : best_places(screened.places, kBestPlaces, kApart * extent_m(screened.places));
+    const auto places =
+        screened.places.size() <= kFewPlaces ? screened.places : best_places(screened.places, kBestPlaces);
     for (const PlaceGain& place : places) add(place.candidate, place.start);
     return starts;
 }

@@ -4,6 +4,26 @@
 #include <cmath>
 
 namespace teres {
+namespace {
+
+// Cost that an effect nobody thought of would leave.
+double unexplained(double cost_null, const ErrorFloor& floor, const Calibration& calibration) {
+    const double reached = std::min(floor.total(), cost_null);
+    return reached + calibration.unknown_share * (cost_null - reached);
+}
+
+// Price of the best cause that leaves no more than `rest`; if none does, of the best one.
+double least_price(const std::vector<Cause>& causes, double rest) {
+    const Cause *best = nullptr, *sufficient = nullptr;
+    for (const Cause& cause : causes) {
+        if (!cause.fit.usable) continue;
+        if (best == nullptr || cause.score > best->score) best = &cause;
+        if (cause.misfit <= rest && (sufficient == nullptr || cause.score > sufficient->score)) sufficient = &cause;
+    }
+    return sufficient != nullptr ? sufficient->price.total() : best != nullptr ? best->price.total() : 0.0;
+}
+
+}  // namespace
 
 double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects, const ErrorFloor& floor,
                    const Calibration& calibration) {
@@ -33,16 +53,16 @@ double explained_share(double cost_null, double cost, const ErrorFloor& floor) {
     return excess <= 0.0 ? 0.0 : std::clamp((cost_null - cost) / excess, 0.0, 1.0);
 }
 
+double unknown_gain(double cost_null, const ErrorFloor& floor, const Calibration& calibration) {
+    return -0.5 * calibration.nu *
+           std::log(floor.above(unexplained(cost_null, floor, calibration)) / floor.above(cost_null));
+}
+
 Verdict judge(std::vector<Cause> causes, double cost_null, const ErrorFloor& floor, const Calibration& calibration) {
     Verdict verdict;
-    const double reached = std::min(floor.total(), cost_null);
-    const double rest = reached + calibration.unknown_share * (cost_null - reached);
-    const double gain = -0.5 * calibration.nu * std::log(floor.above(rest) / floor.above(cost_null));
-    const auto best = std::max_element(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) {
-        return (a.fit.usable ? a.score : -1e9) < (b.fit.usable ? b.score : -1e9);
-    });
-    const double best_price = best != causes.end() && best->fit.usable ? best->price.total() : 0.0;
-    const double unknown = gain - std::max(calibration.unknown_price, best_price);
+    const double rest = unexplained(cost_null, floor, calibration);
+    const double gain = unknown_gain(cost_null, floor, calibration);
+    const double unknown = gain - std::max(calibration.unknown_price, least_price(causes, rest));
 
     // Which cause, if there is one.
     double top = unknown;

@@ -1,0 +1,63 @@
+// From costs to probabilities, by hand: floor 1 (all model error), nominal cost 10, nu 45, so that `unknown` leaves
+// 1 + 0.15 (10 - 1) = 2.35 and gains 22.5 ln((1 + 10) / (1 + 2.35)) = 26.8 nats.
+#include "plugins/diagnosis/verdict.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+namespace teres {
+namespace {
+
+constexpr ErrorFloor kFloor{0.0, 1.0};
+constexpr double kNominal = 10.0;
+
+Cause fitted(std::vector<std::size_t> entries, double misfit, double price, double nominal = kNominal) {
+    Cause cause;
+    cause.entries = std::move(entries);
+    cause.fit.usable = true;
+    cause.misfit = misfit;
+    cause.price.occam = price;
+    cause.score = 22.5 * std::log(kFloor.above(nominal) / kFloor.above(misfit)) - price;
+    return cause;
+}
+
+double probability_of(const Verdict& verdict, const std::vector<std::size_t>& entries) {
+    for (const Cause& cause : verdict.causes)
+        if (cause.entries == entries) return cause.probability;
+    return 0.0;
+}
+
+TEST(Verdict, UnknownGainsWhatWouldReachTheFloorButForAShare) {
+    EXPECT_NEAR(unknown_gain(kNominal, kFloor, {}), 22.5 * std::log(11.0 / 3.35), 1e-9);
+    EXPECT_EQ(unknown_gain(0.5, kFloor, {}), 0.0) << "nothing above the floor";
+}
+
+TEST(Verdict, ASingleCauseThatLeavesMuchIsUnknown) {
+    const Verdict verdict = judge({fitted({0}, 6.0, 5.0)}, kNominal, kFloor, {});
+    EXPECT_GT(verdict.unknown_probability, 0.9);
+}
+
+// The pair reaches the floor at 20 nats; the single cause leaves 6 at 5 nats. An unknown effect would pay at least what
+// the pair pays.
+TEST(Verdict, APairThatExplainsEverythingIsNotUnknown) {
+    const Verdict verdict = judge({fitted({0}, 6.0, 5.0), fitted({0, 1}, 1.0, 20.0)}, kNominal, kFloor, {});
+    EXPECT_GT(probability_of(verdict, {0, 1}), 0.9);
+    EXPECT_LT(verdict.unknown_probability, 0.1);
+}
+
+TEST(Verdict, NothingBeyondTheFloorIsNone) {
+    const Verdict verdict = judge({fitted({0}, 1.0, 5.0, 1.2)}, 1.2, kFloor, {});
+    EXPECT_GT(verdict.none_probability, 0.8);
+}
+
+TEST(Verdict, ProbabilitiesSumToOne) {
+    const Verdict verdict =
+        judge({fitted({0}, 3.0, 8.0), fitted({1}, 2.0, 9.0), fitted({0, 1}, 1.0, 20.0)}, kNominal, kFloor, {});
+    double sum = verdict.none_probability + verdict.unknown_probability;
+    for (const Cause& cause : verdict.causes) sum += cause.probability;
+    EXPECT_NEAR(sum, 1.0, 1e-12);
+}
+
+}  // namespace
+}  // namespace teres
