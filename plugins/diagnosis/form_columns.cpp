@@ -51,6 +51,8 @@ Eigen::MatrixXd form_columns(Simulator& simulator, const Assumption& at, const E
             append(columns, svd.singularValues()(m) * svd.matrixU().col(m) * svd.matrixV().col(m).transpose(),
                    share * svd.singularValues()(m));
     }
+    Eigen::VectorXd again;
+    if (columns.cols() > 0) simulator.simulate(at, again);  // fits start from a whole trajectory nearby
     return columns;
 }
 

@@ -265,12 +265,12 @@ std::vector<Cause> search_on(Problem& problem, const Fit& nominal, const Base* b
     const auto settled = [&](std::size_t next) {  // rivals from `next` on are out of the best one's reach
         const auto best = std::max_element(causes.begin(), causes.end(),
                                            [](const Cause& a, const Cause& b) { return a.score < b.score; });
-        const double lead = best->score - chosen[next].score;
+        const double lead = best->score - (known != nullptr ? known->score : 0.0) - chosen[next].score;
         return lead > 2.0 * kOutOfReach || (lead > kOutOfReach && best->fit.cost < problem.floor.total());
     };
     const auto fit_chosen = [&](std::size_t first) {
         for (std::size_t k = first; k < chosen.size(); ++k) {
-            if (causes.size() >= 2 && settled(k)) continue;
+            if (causes.size() >= (known == nullptr ? 2u : 1u) && settled(k)) continue;
             causes.push_back(refit(problem, nominal, known, chosen[k], known == nullptr ? 8 : 6));
             score(problem, nominal, base, causes.back());
             stage(options, known == nullptr ? "fitting the best effects" : "fitting further effects")(
@@ -330,13 +330,16 @@ std::vector<Cause> search_on_top(Problem& problem, const Fit& nominal, const Cau
         Screening screening;
         larger = search_on(problem, nominal, &base, screening);
     }
+    if (problem.simulator.mechanics().dynamic()) return larger;
     for (Cause& cause : larger) {  // what is told and compared with `unknown` is the misfit itself
         if (!cause.fit.usable) continue;
-        const double before = cause.fit.misfit, noise = problem.simulator.noise_factor(cause.fit.at);
+        if (&cause == &larger.front())
+            if (Fit exact = problem.fit(cause.fit.at, 4); exact.usable) cause.fit = std::move(exact);
         cause.fit.residual = problem.whitener(problem.residual_of(cause.fit));
-        cause.fit.misfit = cause.fit.residual.squaredNorm() / (noise * noise);
-        cause.fit.cost += cause.fit.misfit - before;
-        cause.misfit += cause.fit.misfit - before;
+        cause.fit.misfit = cause.fit.residual.squaredNorm();
+        cause.fit.cost = cause.fit.misfit + cause.fit.u.squaredNorm();
+        take_noise(problem, cause.fit);
+        cause.misfit = misfit(cause.fit, nominal.u.size());
         cause.explained = explained_share(nominal.cost, cause.fit.cost, problem.floor);
     }
     return larger;

@@ -14,7 +14,7 @@ class ClampCompliance final : public Effect {
         d_.summary = "a support held rigid that gives way";
         d_.source = "vein 0.62+-0.41 MPa, capsule 8.2+-3.4 MPa: Umale 2011; layer thickness assumed";
         d_.parameters = {
-            amplitude("layer", "m", EffectTransform::kIdentity, 0.0, 0.02 * scene.size_m, 0.0, scene.size_m)};
+            amplitude("layer", "m", EffectTransform::kIdentity, 0.0, 0.1 * scene.size_m, 0.0, scene.size_m)};
         if (scene.tethers.clamp_end > scene.tethers.clamp_begin)
             d_.candidates.push_back(central_candidate(d_.parameters));
         else
