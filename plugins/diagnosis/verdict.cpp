@@ -13,14 +13,17 @@ double unexplained(double cost_null, const ErrorFloor& floor, const Calibration&
 }
 
 // Price of the best cause that leaves no more than `rest`; if none does, of the best one.
-double least_price(const std::vector<Cause>& causes, double rest) {
+double price_of_rival(const std::vector<Cause>& causes, double rest, const Calibration& calibration) {
     const Cause *best = nullptr, *sufficient = nullptr;
     for (const Cause& cause : causes) {
         if (!cause.fit.usable) continue;
         if (best == nullptr || cause.score > best->score) best = &cause;
         if (cause.misfit <= rest && (sufficient == nullptr || cause.score > sufficient->score)) sufficient = &cause;
     }
-    return sufficient != nullptr ? sufficient->price.total() : best != nullptr ? best->price.total() : 0.0;
+    const Cause* rival = sufficient != nullptr ? sufficient : best;
+    if (rival == nullptr) return 0.0;
+    return rival->entries.size() > 1 ? std::min(rival->price.total(), calibration.unknown_price_most)
+                                     : rival->price.total();
 }
 
 }  // namespace
@@ -62,7 +65,7 @@ Verdict judge(std::vector<Cause> causes, double cost_null, const ErrorFloor& flo
     Verdict verdict;
     const double rest = unexplained(cost_null, floor, calibration);
     const double gain = unknown_gain(cost_null, floor, calibration);
-    const double unknown = gain - std::max(calibration.unknown_price, least_price(causes, rest));
+    const double unknown = gain - std::max(calibration.unknown_price, price_of_rival(causes, rest, calibration));
 
     // Which cause, if there is one.
     double top = unknown;

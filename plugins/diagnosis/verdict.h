@@ -4,7 +4,7 @@
 //                price_c = tail(a) + search_c + 1/2 ln|I + (nu/above_c) S_c| + that of further effects
 //     unknown:   g - price_u,   g = -(nu/2) ln(rest / above_0), rest = above the floor + share of what is beyond it,
 //                price_u = that of the best cause that leaves no more than it, or else of the best: an effect that
-//                nobody thought of is not simpler than those one did
+//                nobody thought of is not simpler than those one did, nor dearer than any single one
 //     none:      bonus against the larger of ln sum exp(scores) and g - least price: that something is amiss may be
 //                certain before anything is named
 //

@@ -17,9 +17,9 @@ class Registration final : public SensorEffect {
         d_.summary = "rigid offset between camera and model";
         d_.source = "rigid target error 3.8-7.7 mm: Heiselman 2024, J. Med. Imaging 11(1) 015001";
         for (const char* name : {"shift_x", "shift_y", "shift_z"})
-            d_.parameters.push_back(amplitude(name, "m", EffectTransform::kIdentity, 0.0, 0.005, -0.05, 0.05));
+            d_.parameters.push_back(amplitude(name, "m", EffectTransform::kIdentity, 0.0, 0.003, -0.05, 0.05));
         for (const char* name : {"turn_x", "turn_y", "turn_z"})
-            d_.parameters.push_back(amplitude(name, "rad", EffectTransform::kIdentity, 0.0, 0.045, -0.5, 0.5));
+            d_.parameters.push_back(amplitude(name, "rad", EffectTransform::kIdentity, 0.0, 0.025, -0.5, 0.5));
         d_.candidates.push_back(central_candidate(d_.parameters));
     }
     void observe(std::span<const double> v, Sighting& sighting) const override {

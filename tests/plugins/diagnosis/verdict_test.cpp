@@ -46,6 +46,12 @@ TEST(Verdict, APairThatExplainsEverythingIsNotUnknown) {
     EXPECT_LT(verdict.unknown_probability, 0.1);
 }
 
+// ... but at 35 nats, more than any single effect costs, one that nobody thought of is likelier.
+TEST(Verdict, APairDearerThanAnySingleEffectIsUnknown) {
+    const Cause single = fitted({0}, 9.0, 5.0), pair = fitted({0, 1}, 1.0, 35.0);
+    EXPECT_GT(judge({single, pair}, kNominal, kFloor, {}).unknown_probability, 0.5);
+}
+
 TEST(Verdict, NothingBeyondTheFloorIsNone) {
     const Verdict verdict = judge({fitted({0}, 1.0, 5.0, 1.2)}, 1.2, kFloor, {});
     EXPECT_GT(verdict.none_probability, 0.8);
