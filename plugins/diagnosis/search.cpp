@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <string_view>
 
 #include "plugins/diagnosis/form_columns.h"
 #include "plugins/diagnosis/shape_search.h"
@@ -139,6 +140,11 @@ class LooserForms {
     Problem& problem_;
     Whitener whitener_;
 };
+
+// Supports hold or do not; loads, materials and cameras change by degrees.
+bool may_have_threshold(const EffectEntry& entry) {
+    return std::string_view(entry.info.kind) == "boundary";
+}
 
 // The same from where the effect acts at full size, if that is nearer than where first order leads.
 void refit_strongly(Problem& problem, const Fit& nominal, const EffectScreening& added, Cause& cause) {
@@ -286,6 +292,7 @@ std::vector<Cause> search_on(Problem& problem, const Fit& nominal, const Base* b
         choose(screening, 0, first + kSecondLook);
         fit_chosen(first);
         for (std::size_t k = 0; k < causes.size() && !problem.simulator.mechanics().dynamic(); ++k) {
+            if (!may_have_threshold(problem.simulator.effects()[causes[k].entries.back()])) continue;
             const auto screened = std::find_if(chosen.begin(), chosen.end(),
                                                [&](const auto& c) { return c.entry == causes[k].entries.back(); });
             refit_strongly(problem, nominal, *screened, causes[k]);

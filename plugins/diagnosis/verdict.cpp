@@ -12,13 +12,15 @@ double unexplained(double cost_null, const ErrorFloor& floor, const Calibration&
     return reached + calibration.unknown_share * (cost_null - reached);
 }
 
-// Price of the best cause that leaves no more than `rest`; if none does, of the best one.
+// Price of the best credible cause that leaves no more than `rest`; if there is none, of the best one.
 double price_of_rival(const std::vector<Cause>& causes, double rest, const Calibration& calibration) {
     const Cause *best = nullptr, *sufficient = nullptr;
     for (const Cause& cause : causes) {
         if (!cause.fit.usable) continue;
         if (best == nullptr || cause.score > best->score) best = &cause;
-        if (cause.misfit <= rest && (sufficient == nullptr || cause.score > sufficient->score)) sufficient = &cause;
+        if (cause.misfit <= rest && cause.score >= calibration.none_bonus &&
+            (sufficient == nullptr || cause.score > sufficient->score))
+            sufficient = &cause;
     }
     const Cause* rival = sufficient != nullptr ? sufficient : best;
     if (rival == nullptr) return 0.0;
