@@ -5,6 +5,7 @@
 
 #include "plugins/diagnosis/gap_map.h"
 #include "plugins/diagnosis/search.h"
+#include "plugins/diagnosis/search_further.h"
 
 namespace teres {
 namespace {
@@ -163,7 +164,7 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     stage(options, "nominal fit")(1.0);
 
     // One effect; then, as long as it pays, one more on top of the best.
-    std::vector<Cause> causes = search(problem, out.nominal, out.screening);
+    std::vector<Cause> causes = search(problem, out.nominal, nullptr, out.screening);
     out.confusability = confusability(out.screening, out.nominal.J);
     const bool something = unknown_gain(out.nominal.cost, problem.floor, options.calibration) >
                            options.calibration.unknown_price + options.calibration.none_bonus;

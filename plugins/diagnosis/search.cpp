@@ -1,145 +1,22 @@
 #include "plugins/diagnosis/search.h"
 
 #include <algorithm>
-#include <cmath>
 #include <numeric>
 #include <string_view>
 
-#include "plugins/diagnosis/form_columns.h"
 #include "plugins/diagnosis/shape_search.h"
 #include "plugins/diagnosis/strong_start.h"
-#include "plugins/diagnosis/white_noise.h"
 
 namespace teres {
 namespace {
 
 constexpr int kPolished = 2;
-constexpr int kAttempts = 3;
 constexpr double kOutOfReach = 15.0;    // nats between a fitted cause and the screening of one that need not be fitted
-constexpr double kFarTheta = 1.5;       // prior standard deviations from the prior at which a refit starts at most
 constexpr double kMost = 0.9;           // explained: the search need not go on
 constexpr std::size_t kSecondLook = 3;  // effects fitted besides if it has to
 constexpr double kLeastExplained = 0.02;  // of the nominal cost, by first order: less is not worth a fit
 constexpr double kLeastEarly = 0.1;       // ... of the cost of the beginning of a dynamic recording
-constexpr int kExchanges = 2;             // of the first effect of a pair
-constexpr double kFormShare = 0.2;        // standard deviation of a form, share of the effect's motion
 constexpr std::size_t kPlaces = 3;        // from which the best answer is fitted
-constexpr double kApart = 0.12;           // their least distance, share of the extent of all
-
-// The effect `noise` moves nothing; it is worth the white part of what is left.
-void take_noise(Problem& problem, Fit& fit) {
-    for (ActiveEffect& effect : fit.at.effects) {
-        const EffectEntry& entry = problem.simulator.effects()[effect.entry];
-        Assumption alone{fit.at.theta, {problem.simulator.effects().candidate(effect.entry, 0)}};
-        if (!entry.sensor || problem.simulator.noise_factor(alone) == 1.0) continue;
-        const double factor =
-            std::max(1.0, white_noise_factor(fit.residual, problem.whitener.rows(), problem.recording.num_markers));
-        for (std::size_t p = 0; p < effect.values.size(); ++p)
-            effect.values[p] = std::clamp(factor, entry.parameters[p].lower, entry.parameters[p].upper);
-        fit.cost /= factor * factor;
-        fit.misfit /= factor * factor;
-    }
-}
-
-// The amplitudes of an effect half way back to where it is off.
-void halve(const EffectEntry& entry, ActiveEffect& effect) {
-    for (std::size_t p = 0; p < entry.parameters.size(); ++p) {
-        if (entry.parameters[p].role == EffectRole::kAmplitude)
-            effect.values[p] = at_share(entry.parameters[p], effect.values[p], 0.5);
-    }
-}
-
-// One more effect on top of what is known, refitted with everything free.
-Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const EffectScreening& added, int iterations) {
-    Cause cause;
-    Assumption start = known != nullptr ? known->fit.at : nominal.at;
-    // A wrong model drives the ligaments to values from which no derivative leads back.
-    for (std::size_t i = 0; i < start.theta.size(); ++i) {
-        const NominalParameter p = problem.simulator.mechanics().parameter(i);
-        start.theta[i] = std::clamp(start.theta[i], std::exp(p.prior_log_mean - kFarTheta * p.prior_log_stdev),
-                                    std::exp(p.prior_log_mean + kFarTheta * p.prior_log_stdev));
-    }
-    if (known != nullptr) {
-        cause.entries = known->entries;
-        cause.search_cost = known->search_cost;
-    }
-    cause.entries.push_back(added.entry);
-    cause.search_cost += added.search_cost;
-    start.effects.push_back(added.start);
-    // A whole trajectory with the effect on; a body that does not hold under it is met half way.
-    const EffectEntry& entry = problem.simulator.effects()[added.entry];
-    Eigen::VectorXd trajectory;
-    for (int attempt = 0; !entry.sensor && !problem.simulator.simulate(start, trajectory); ++attempt) {
-        if (attempt == kAttempts) return cause;
-        halve(entry, start.effects.back());
-    }
-    cause.fit = problem.fit(start, iterations);
-    if (!cause.fit.usable) return cause;
-    improve_shapes(problem.simulator, problem.whitener, problem.recording.observed, cause.fit);
-    take_noise(problem, cause.fit);
-    return cause;
-}
-
-// Cost that `known` leaves in a recording with inertia because a mechanical effect never has quite the form of the
-// catalogue's; otherwise LooserForms say which residuals that can be.
-double form_error(const Problem& problem, const Fit& nominal, const Cause& known) {
-    const EffectTable& effects = problem.simulator.effects();
-    const bool mechanical =
-        std::any_of(known.entries.begin(), known.entries.end(), [&](std::size_t e) { return !effects[e].sensor; });
-    return mechanical && problem.simulator.mechanics().dynamic()
-               ? problem.options.calibration.form_error_dynamic * std::max(0.0, nominal.cost - known.fit.cost)
-               : 0.0;
-}
-
-double misfit(const Fit& fit, Eigen::Index nominal_parameters) {
-    return fit.cost - fit.u.tail(fit.u.size() - nominal_parameters).squaredNorm();
-}
-
-// What one more effect is searched on top of, under the metric in which the known ones may be off in their form.
-struct Base {
-    const Cause& known;
-    Fit fit;
-};
-
-// `base`: what the cause was searched on top of, or null.
-void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause) {
-    if (!cause.fit.usable) {
-        cause.score = -1e9;
-        return;
-    }
-    const ErrorFloor& floor = problem.floor;
-    cause.score = refit_score(nominal, cause, problem.simulator.effects(), floor, problem.options.calibration);
-    cause.explained = explained_share(nominal.cost, cause.fit.cost, floor);
-    if (base == nullptr) return;
-    // The known effects gain what they gained alone; the further one what it gains beside their looser forms.
-    const Eigen::Index n = nominal.u.size();
-    const double alone = floor.above(misfit(base->fit, n)), both = floor.above(cause.misfit),
-                 form = form_error(problem, nominal, base->known);
-    cause.score -= 0.5 * problem.options.calibration.nu *
-                   (std::log(floor.above(base->known.misfit) / alone) + std::log(alone / both) -
-                    std::log((alone + form) / (both + form)));
-}
-
-// The forms of what is known may be off while more is searched: the whitener carries their columns.
-class LooserForms {
-  public:
-    LooserForms(Problem& problem, const Fit& nominal, const Fit& known)
-        : problem_(problem), whitener_(problem.whitener) {
-        if (problem.simulator.mechanics().dynamic()) return;
-        const Eigen::MatrixXd columns = form_columns(problem.simulator, known.at, known.trajectory, kFormShare);
-        Discrepancy looser = problem.discrepancy;
-        looser.columns.conservativeResize(Eigen::NoChange, looser.columns.cols() + columns.cols());
-        looser.columns.rightCols(columns.cols()) = columns;
-        problem.whitener = whitener_for(problem.recording, looser, nominal.trajectory, problem.options.calibration);
-    }
-    ~LooserForms() { problem_.whitener = std::move(whitener_); }
-    LooserForms(const LooserForms&) = delete;
-    LooserForms& operator=(const LooserForms&) = delete;
-
-  private:
-    Problem& problem_;
-    Whitener whitener_;
-};
 
 // Supports hold or do not; loads, materials and cameras change by degrees.
 bool may_have_threshold(const EffectEntry& entry) {
@@ -227,22 +104,9 @@ void try_other_places(Problem& problem, const Fit& nominal, const Base* base, co
     score(problem, nominal, base, cause);
 }
 
-// One cause for each set of effects.
-void keep_better(std::vector<Cause>& causes, Cause cause) {
-    const auto set = [](std::vector<std::size_t> entries) {
-        std::sort(entries.begin(), entries.end());
-        return entries;
-    };
-    const auto same = std::find_if(causes.begin(), causes.end(),
-                                   [&](const Cause& c) { return set(c.entries) == set(cause.entries); });
-    if (same == causes.end())
-        causes.push_back(std::move(cause));
-    else if (cause.fit.usable && (!same->fit.usable || cause.score > same->score))
-        *same = std::move(cause);
-}
+}  // namespace
 
-// Effects on top of `base`, or, where that is null, of the nominal fit, which then is the simulator's base.
-std::vector<Cause> search_on(Problem& problem, const Fit& nominal, const Base* base, Screening& screening) {
+std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base, Screening& screening) {
     const DiagnosisOptions& options = problem.options;
     const Cause* known = base != nullptr ? &base->known : nullptr;
     const Fit& from = base != nullptr ? base->fit : nominal;
@@ -322,79 +186,6 @@ std::vector<Cause> search_on(Problem& problem, const Fit& nominal, const Base* b
     }
     std::stable_sort(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) { return a.score > b.score; });
     return causes;
-}
-
-// One effect more than `known`, whose form may be off meanwhile. Nothing if that explains what is left.
-std::vector<Cause> search_on_top(Problem& problem, const Fit& nominal, const Cause& known) {
-    std::vector<Cause> larger;
-    {
-        const LooserForms looser(problem, nominal, known.fit);
-        Base base{known, problem.fit(known.fit.at, 4)};
-        if (!base.fit.usable) return larger;
-        problem.complete(base.fit);
-        take_noise(problem, base.fit);
-        if (base.fit.cost < problem.floor.total() + form_error(problem, nominal, known)) return larger;
-        Screening screening;
-        larger = search_on(problem, nominal, &base, screening);
-    }
-    if (problem.simulator.mechanics().dynamic()) return larger;
-    for (Cause& cause : larger) {  // what is told and compared with `unknown` is the misfit itself
-        if (!cause.fit.usable) continue;
-        if (&cause == &larger.front())
-            if (Fit exact = problem.fit(cause.fit.at, 4); exact.usable) cause.fit = std::move(exact);
-        cause.fit.residual = problem.whitener(problem.residual_of(cause.fit));
-        cause.fit.misfit = cause.fit.residual.squaredNorm();
-        cause.fit.cost = cause.fit.misfit + cause.fit.u.squaredNorm();
-        take_noise(problem, cause.fit);
-        cause.misfit = misfit(cause.fit, nominal.u.size());
-        cause.explained = explained_share(nominal.cost, cause.fit.cost, problem.floor);
-    }
-    return larger;
-}
-
-}  // namespace
-
-std::vector<Cause> search(Problem& problem, const Fit& nominal, Screening& screening) {
-    return search_on(problem, nominal, nullptr, screening);
-}
-
-bool search_further(Problem& problem, const Fit& nominal, std::vector<Cause>& causes) {
-    const auto better = [](const Cause& a, const Cause& b) { return a.score > b.score; };
-    const double best_before = causes.front().score;
-    // Where no single effect pays, the pair begins with the one that explains most.
-    Cause base = causes.front();
-    if (best_before < problem.options.calibration.none_bonus)
-        for (const Cause& cause : causes)
-            if (cause.fit.usable && (!base.fit.usable || cause.misfit < base.misfit)) base = cause;
-    if (!base.fit.usable) return false;
-    std::vector<std::size_t> tried;  // effects that were a pair's first
-    for (int exchange = 0; exchange <= kExchanges; ++exchange) {
-        std::vector<Cause> larger = search_on_top(problem, nominal, base);
-        if (larger.empty() || !larger.front().fit.usable) break;
-        const Cause best = larger.front();
-        for (Cause& cause : larger) keep_better(causes, std::move(cause));
-        if (base.entries.size() != 1 || problem.simulator.mechanics().dynamic()) break;
-        tried.push_back(base.entries[0]);
-        const std::size_t added = best.entries.back();
-        if (std::find(tried.begin(), tried.end(), added) != tried.end()) break;
-        const auto fitted = std::find_if(causes.begin(), causes.end(), [&](const Cause& c) {
-            return c.entries == std::vector{added} && c.fit.usable;
-        });
-        if (fitted != causes.end()) {
-            base = *fitted;
-            continue;
-        }
-        EffectScreening alone;
-        alone.entry = added;
-        alone.start = best.fit.at.effects.back();
-        alone.search_cost = best.search_cost - base.search_cost;
-        base = refit(problem, nominal, nullptr, alone, 6);
-        score(problem, nominal, nullptr, base);
-        if (!base.fit.usable) break;
-        keep_better(causes, base);
-    }
-    std::stable_sort(causes.begin(), causes.end(), better);
-    return causes.front().score > best_before;
 }
 
 }  // namespace teres

@@ -30,6 +30,10 @@ double price_of_rival(const std::vector<Cause>& causes, double rest, const Calib
 
 }  // namespace
 
+double misfit_of(const Fit& fit, Eigen::Index nominal_parameters) {
+    return fit.cost - fit.u.tail(fit.u.size() - nominal_parameters).squaredNorm();
+}
+
 double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects, const ErrorFloor& floor,
                    const Calibration& calibration) {
     // Scaled coordinates and columns of the amplitudes; place and time have been paid for by the search.
@@ -48,7 +52,7 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
     cause.price = {tail_price(fit.u(amplitude)),
                    occam_price(calibration.nu / floor.above(fit.cost) * S, cause.entries.size()), cause.search_cost,
                    calibration.further_effect * static_cast<double>(cause.entries.size() - 1)};
-    cause.misfit = fit.cost - fit.u.tail(fit.u.size() - theta).squaredNorm();
+    cause.misfit = misfit_of(fit, theta);
     return -0.5 * calibration.nu * std::log(floor.above(cause.misfit) / floor.above(nominal.cost)) -
            cause.price.total();
 }

@@ -50,6 +50,8 @@ struct Verdict {
     double unknown_probability = 0.0;
 };
 
+/// Whitened cost of a fit without the price of its effects' parameters.
+double misfit_of(const Fit& fit, Eigen::Index nominal_parameters);
 /// Score of a refitted cause against the nominal fit; fills misfit and price.
 double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects, const ErrorFloor& floor,
                    const Calibration& calibration);

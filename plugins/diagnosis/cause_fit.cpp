@@ -1,0 +1,95 @@
+#include "plugins/diagnosis/cause_fit.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "plugins/diagnosis/shape_search.h"
+#include "plugins/diagnosis/white_noise.h"
+
+namespace teres {
+namespace {
+
+constexpr int kAttempts = 3;
+constexpr double kFarTheta = 1.5;  // prior standard deviations from the prior at which a refit starts at most
+
+}  // namespace
+
+void take_noise(Problem& problem, Fit& fit) {
+    for (ActiveEffect& effect : fit.at.effects) {
+        const EffectEntry& entry = problem.simulator.effects()[effect.entry];
+        Assumption alone{fit.at.theta, {problem.simulator.effects().candidate(effect.entry, 0)}};
+        if (!entry.sensor || problem.simulator.noise_factor(alone) == 1.0) continue;
+        const double factor =
+            std::max(1.0, white_noise_factor(fit.residual, problem.whitener.rows(), problem.recording.num_markers));
+        for (std::size_t p = 0; p < effect.values.size(); ++p)
+            effect.values[p] = std::clamp(factor, entry.parameters[p].lower, entry.parameters[p].upper);
+        fit.cost /= factor * factor;
+        fit.misfit /= factor * factor;
+    }
+}
+
+void halve(const EffectEntry& entry, ActiveEffect& effect) {
+    for (std::size_t p = 0; p < entry.parameters.size(); ++p) {
+        if (entry.parameters[p].role == EffectRole::kAmplitude)
+            effect.values[p] = at_share(entry.parameters[p], effect.values[p], 0.5);
+    }
+}
+
+Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const EffectScreening& added, int iterations) {
+    Cause cause;
+    Assumption start = known != nullptr ? known->fit.at : nominal.at;
+    // A wrong model drives the ligaments to values from which no derivative leads back.
+    for (std::size_t i = 0; i < start.theta.size(); ++i) {
+        const NominalParameter p = problem.simulator.mechanics().parameter(i);
+        start.theta[i] = std::clamp(start.theta[i], std::exp(p.prior_log_mean - kFarTheta * p.prior_log_stdev),
+                                    std::exp(p.prior_log_mean + kFarTheta * p.prior_log_stdev));
+    }
+    if (known != nullptr) {
+        cause.entries = known->entries;
+        cause.search_cost = known->search_cost;
+    }
+    cause.entries.push_back(added.entry);
+    cause.search_cost += added.search_cost;
+    start.effects.push_back(added.start);
+    // A whole trajectory with the effect on; a body that does not hold under it is met half way.
+    const EffectEntry& entry = problem.simulator.effects()[added.entry];
+    Eigen::VectorXd trajectory;
+    for (int attempt = 0; !entry.sensor && !problem.simulator.simulate(start, trajectory); ++attempt) {
+        if (attempt == kAttempts) return cause;
+        halve(entry, start.effects.back());
+    }
+    cause.fit = problem.fit(start, iterations);
+    if (!cause.fit.usable) return cause;
+    improve_shapes(problem.simulator, problem.whitener, problem.recording.observed, cause.fit);
+    take_noise(problem, cause.fit);
+    return cause;
+}
+
+double form_error(const Problem& problem, const Fit& nominal, const Cause& known) {
+    const EffectTable& effects = problem.simulator.effects();
+    const bool mechanical =
+        std::any_of(known.entries.begin(), known.entries.end(), [&](std::size_t e) { return !effects[e].sensor; });
+    return mechanical && problem.simulator.mechanics().dynamic()
+               ? problem.options.calibration.form_error_dynamic * std::max(0.0, nominal.cost - known.fit.cost)
+               : 0.0;
+}
+
+void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause) {
+    if (!cause.fit.usable) {
+        cause.score = -1e9;
+        return;
+    }
+    const ErrorFloor& floor = problem.floor;
+    cause.score = refit_score(nominal, cause, problem.simulator.effects(), floor, problem.options.calibration);
+    cause.explained = explained_share(nominal.cost, cause.fit.cost, floor);
+    if (base == nullptr) return;
+    // The known effects gain what they gained alone; the further one what it gains beside their looser forms.
+    const Eigen::Index n = nominal.u.size();
+    const double alone = floor.above(misfit_of(base->fit, n)), both = floor.above(cause.misfit),
+                 form = form_error(problem, nominal, base->known);
+    cause.score -= 0.5 * problem.options.calibration.nu *
+                   (std::log(floor.above(base->known.misfit) / alone) + std::log(alone / both) -
+                    std::log((alone + form) / (both + form)));
+}
+
+}  // namespace teres

@@ -1,0 +1,31 @@
+// One hypothesis fitted and scored: effects added to what is known, everything refitted.
+#pragma once
+
+#include "plugins/diagnosis/problem.h"
+
+namespace teres {
+
+/// What one more effect is searched on top of: known effects, and their fit under the whitener in use, by which they
+/// may be off in their form (form_columns.h).
+struct Base {
+    const Cause& known;
+    Fit fit;
+};
+
+/// One more effect on top of what is known (null: of the nominal fit), refitted with everything free.
+Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const EffectScreening& added, int iterations);
+
+/// Fills score and explained. `base`: what the cause was searched on top of, or null.
+void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause);
+
+/// The effect `noise` moves nothing; it is worth the white part of what is left.
+void take_noise(Problem& problem, Fit& fit);
+
+/// The amplitudes of an effect half way back to where it is off.
+void halve(const EffectEntry& entry, ActiveEffect& effect);
+
+/// Cost that `known` leaves in a recording with inertia because a mechanical effect never has quite the form of the
+/// catalogue's; 0 in others, where form_columns.h says which residuals that can be.
+double form_error(const Problem& problem, const Fit& nominal, const Cause& known);
+
+}  // namespace teres

@@ -1,0 +1,120 @@
+#include "plugins/diagnosis/search_further.h"
+
+#include <algorithm>
+
+#include "plugins/diagnosis/form_columns.h"
+#include "plugins/diagnosis/search.h"
+
+namespace teres {
+namespace {
+
+constexpr int kExchanges = 2;       // of the first effect of a pair
+constexpr double kFormShare = 0.2;  // standard deviation of a form, share of the effect's motion
+
+// The forms of what is known may be off while more is searched: the whitener carries their columns.
+class LooserForms {
+  public:
+    LooserForms(Problem& problem, const Fit& nominal, const Fit& known)
+        : problem_(problem), whitener_(problem.whitener) {
+        if (problem.simulator.mechanics().dynamic()) return;
+        const Eigen::MatrixXd columns = form_columns(problem.simulator, known.at, known.trajectory, kFormShare);
+        Discrepancy looser = problem.discrepancy;
+        looser.columns.conservativeResize(Eigen::NoChange, looser.columns.cols() + columns.cols());
+        looser.columns.rightCols(columns.cols()) = columns;
+        problem.whitener = whitener_for(problem.recording, looser, nominal.trajectory, problem.options.calibration);
+    }
+    ~LooserForms() { problem_.whitener = std::move(whitener_); }
+    LooserForms(const LooserForms&) = delete;
+    LooserForms& operator=(const LooserForms&) = delete;
+
+  private:
+    Problem& problem_;
+    Whitener whitener_;
+};
+
+// One cause for each set of effects.
+void keep_better(std::vector<Cause>& causes, Cause cause) {
+    const auto set = [](std::vector<std::size_t> entries) {
+        std::sort(entries.begin(), entries.end());
+        return entries;
+    };
+    const auto same = std::find_if(causes.begin(), causes.end(),
+                                   [&](const Cause& c) { return set(c.entries) == set(cause.entries); });
+    if (same == causes.end())
+        causes.push_back(std::move(cause));
+    else if (cause.fit.usable && (!same->fit.usable || cause.score > same->score))
+        *same = std::move(cause);
+}
+
+// One effect more than `known`, whose form may be off meanwhile. Nothing if that explains what is left.
+std::vector<Cause> search_on_top(Problem& problem, const Fit& nominal, const Cause& known) {
+    std::vector<Cause> larger;
+    {
+        const LooserForms looser(problem, nominal, known.fit);
+        const bool same_metric = problem.simulator.mechanics().dynamic();
+        Base base{known, same_metric ? known.fit : problem.fit(known.fit.at, 4)};
+        if (!base.fit.usable) return larger;
+        problem.complete(base.fit);
+        take_noise(problem, base.fit);
+        if (base.fit.cost < problem.floor.total() + form_error(problem, nominal, known)) return larger;
+        Screening screening;
+        larger = search(problem, nominal, &base, screening);
+    }
+    if (problem.simulator.mechanics().dynamic()) return larger;
+    for (Cause& cause : larger) {  // what is told and compared with `unknown` is the misfit itself
+        if (!cause.fit.usable) continue;
+        if (&cause == &larger.front())
+            if (Fit exact = problem.fit(cause.fit.at, 4); exact.usable) cause.fit = std::move(exact);
+        cause.fit.residual = problem.whitener(problem.residual_of(cause.fit));
+        cause.fit.misfit = cause.fit.residual.squaredNorm();
+        cause.fit.cost = cause.fit.misfit + cause.fit.u.squaredNorm();
+        take_noise(problem, cause.fit);
+        cause.misfit = misfit_of(cause.fit, nominal.u.size());
+        cause.explained = explained_share(nominal.cost, cause.fit.cost, problem.floor);
+    }
+    return larger;
+}
+
+}  // namespace
+
+bool search_further(Problem& problem, const Fit& nominal, std::vector<Cause>& causes) {
+    const auto better = [](const Cause& a, const Cause& b) { return a.score > b.score; };
+    const double best_before = causes.front().score;
+    // Where no single effect pays, the pair begins with the one that explains most.
+    Cause base = causes.front();
+    if (best_before < problem.options.calibration.none_bonus)
+        for (const Cause& cause : causes)
+            if (cause.fit.usable && (!base.fit.usable || cause.misfit < base.misfit)) base = cause;
+    if (!base.fit.usable) return false;
+    std::vector<std::size_t> tried;  // effects that were a pair's first
+    for (int exchange = 0; exchange <= kExchanges; ++exchange) {
+        std::vector<Cause> larger = search_on_top(problem, nominal, base);
+        if (larger.empty() || !larger.front().fit.usable) break;
+        const Cause best = larger.front();
+        for (Cause& cause : larger) keep_better(causes, std::move(cause));
+        if (base.entries.size() != 1 || problem.simulator.mechanics().dynamic()) break;
+        if (best.fit.cost < problem.floor.total()) break;
+        tried.push_back(base.entries[0]);
+        const std::size_t added = best.entries.back();
+        if (std::find(tried.begin(), tried.end(), added) != tried.end()) break;
+        const auto fitted = std::find_if(causes.begin(), causes.end(), [&](const Cause& c) {
+            return c.entries == std::vector{added} && c.fit.usable;
+        });
+        if (fitted != causes.end()) {
+            base = *fitted;
+            continue;
+        }
+        EffectScreening alone;
+        alone.entry = added;
+        alone.start = best.fit.at.effects.back();
+        alone.search_cost = best.search_cost - base.search_cost;
+        base = refit(problem, nominal, nullptr, alone, 6);
+        score(problem, nominal, nullptr, base);
+        if (!base.fit.usable) break;
+        keep_better(causes, base);
+    }
+    std::stable_sort(causes.begin(), causes.end(), better);
+    return causes.front().score > best_before;
+}
+
+}  // namespace teres
