@@ -104,7 +104,10 @@ std::vector<double> places_across(const std::vector<Vector3d>& points, const std
                                   const Vector3d& normal) {
     Vector3d mean = Vector3d::Zero();
     double total = 0.0;
-    for (std::size_t i = 0; i < points.size(); ++i) mean += weight[i] * points[i], total += weight[i];
+    for (std::size_t i = 0; i < points.size(); ++i) {
+        mean += weight[i] * points[i];
+        total += weight[i];
+    }
     mean /= total;
     Eigen::Matrix3d spread = Eigen::Matrix3d::Zero();
     for (std::size_t i = 0; i < points.size(); ++i)

@@ -1,17 +1,15 @@
 // What ties nodes of the body to its surroundings: ligament bands, springs to anchors, tools. Each acts on
 // one node, a fan of a two-layer ligament on a few neighbours.
 //
-//   band      a patch of a solid band of height h glued to the surface, far edge fixed (small strain of the
-//   band):
+//   band      a patch of a solid band of height h glued to the surface, far edge fixed (small strain of the band):
 //             psi = theta w/2 [ (u.n)^2 + r (|u|^2 - (u.n)^2) ],  u = x - X, n the outward normal [J]
 //
-//   slack     a band longer than its gap by z holds like strings to its far edge, which pull beyond h + z and never
-//   push:
-//             psi = theta w [ s psi_solid/(theta w) + (1-s)/2 <|h n - u| - h - z>^2 ],  s = exp(-z / 1 mm), at
-//             least 0.02 so that the body never floats
+//   slack     a band longer than its gap by z holds in part s like that solid and else like strings to its far edge,
+//             which pull beyond h + z and never push:
+//             psi = s psi_solid + (1 - s) theta w/2 <|h n - u| - h - z>^2,  s = exp(-z / 1 mm), at least 0.02 so
+//             that the body never floats
 //
-// theta is the parameter of the tether's group (N/m for bands, a factor for springs), w the tether's share of
-// it.
+// theta is the parameter of the tether's group (N/m for bands, a factor for springs), w the tether's share of it.
 #pragma once
 
 #include <Eigen/Core>
