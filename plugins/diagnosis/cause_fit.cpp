@@ -92,4 +92,17 @@ void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause)
                     std::log((alone + form) / (both + form)));
 }
 
+void keep_better(std::vector<Cause>& causes, Cause cause) {
+    const auto set = [](std::vector<std::size_t> entries) {
+        std::sort(entries.begin(), entries.end());
+        return entries;
+    };
+    const auto same = std::find_if(causes.begin(), causes.end(),
+                                   [&](const Cause& c) { return set(c.entries) == set(cause.entries); });
+    if (same == causes.end())
+        causes.push_back(std::move(cause));
+    else if (cause.fit.usable && (!same->fit.usable || cause.score > same->score))
+        *same = std::move(cause);
+}
+
 }  // namespace teres

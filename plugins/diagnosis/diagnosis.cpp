@@ -163,14 +163,22 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     if (!out.nominal.usable) return not_usable(out.name + ": the nominal model does not converge");
     stage(options, "nominal fit")(1.0);
 
-    // One effect; then, as long as it pays, one more on top of the best.
+    // One effect; then, as long as it pays, one more on top of the best; then what first order may have overlooked.
     std::vector<Cause> causes = search(problem, out.nominal, nullptr, out.screening);
     out.confusability = confusability(out.screening, out.nominal.J);
     const bool something = unknown_gain(out.nominal.cost, problem.floor, options.calibration) >
                            options.calibration.unknown_price + options.calibration.none_bonus;
-    for (int count = 2; something && count <= options.max_effects && !causes.empty(); ++count)
-        if ((count > 2 && causes.front().explained > kNearlyAll) || !search_further(problem, out.nominal, causes))
-            break;
+    const auto add_more = [&] {
+        for (int count = 2; something && count <= options.max_effects; ++count)
+            if ((count > 2 && causes.front().explained > kNearlyAll) || !search_further(problem, out.nominal, causes))
+                break;
+    };
+    if (!causes.empty()) {
+        add_more();
+        if (out.nominal.cost > problem.floor.total() && !explained(causes) &&
+            look_again(problem, out.nominal, out.screening, causes))
+            add_more();
+    }
     out.verdict = judge(std::move(causes), out.nominal.cost, problem.floor, options.calibration);
     out.significant = out.verdict.none_probability < 0.5;
 

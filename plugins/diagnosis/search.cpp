@@ -11,6 +11,7 @@ namespace teres {
 namespace {
 
 constexpr int kPolished = 2;
+constexpr int kIterations = 8, kFurtherIterations = 6;  // of a refit
 constexpr double kOutOfReach = 15.0;    // nats between a fitted cause and the screening of one that need not be fitted
 constexpr double kMost = 0.9;           // explained: the search need not go on
 constexpr std::size_t kSecondLook = 3;  // effects fitted besides if it has to
@@ -30,7 +31,7 @@ void refit_strongly(Problem& problem, const Fit& nominal, const EffectScreening&
         strong_starts(problem.simulator.effects(), added, prior_median(problem.simulator.mechanics()).theta));
     if (!best) return;
     Cause other = cause;
-    other.fit = problem.fit(best->at, 8);
+    other.fit = problem.fit(best->at, kIterations);
     if (!other.fit.usable || (cause.fit.usable && other.fit.cost >= cause.fit.cost)) return;
     improve_shapes(problem.simulator, problem.whitener, problem.recording.observed, other.fit);
     cause = std::move(other);
@@ -104,7 +105,34 @@ void try_other_places(Problem& problem, const Fit& nominal, const Base* base, co
     score(problem, nominal, base, cause);
 }
 
+void sort_by_score(std::vector<Cause>& causes) {
+    std::stable_sort(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) { return a.score > b.score; });
+}
+
+// The best cause from other places as well; the best few fitted to the end.
+void finish(Problem& problem, const Fit& nominal, const Base* base, const Screening& screening,
+            std::vector<Cause>& causes) {
+    const std::size_t size = base != nullptr ? base->known.entries.size() + 1 : 1;
+    sort_by_score(causes);
+    if (!causes.empty()) try_other_places(problem, nominal, base, screening, causes.front());
+    for (std::size_t k = 0; k < causes.size() && k < kPolished; ++k) {
+        if (!causes[k].fit.usable || causes[k].entries.size() != size) continue;  // others were finished before
+        Fit better = problem.fit(causes[k].fit.at, 6);
+        if (better.usable && better.misfit < causes[k].fit.residual.squaredNorm()) {
+            causes[k].fit = std::move(better);
+            take_noise(problem, causes[k].fit);
+        }
+        score(problem, nominal, base, causes[k]);
+    }
+    sort_by_score(causes);
+}
+
 }  // namespace
+
+bool explained(const std::vector<Cause>& causes) {
+    return std::any_of(causes.begin(), causes.end(),
+                       [](const Cause& c) { return c.fit.usable && c.explained >= kMost; });
+}
 
 std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base, Screening& screening) {
     const DiagnosisOptions& options = problem.options;
@@ -138,30 +166,13 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base
         const double lead = best->score - (known != nullptr ? known->score : 0.0) - chosen[next].score;
         return lead > 2.0 * kOutOfReach || (lead > kOutOfReach && best->fit.cost < problem.floor.total());
     };
-    const auto fit_chosen = [&](std::size_t first) {
-        for (std::size_t k = first; k < chosen.size(); ++k) {
-            if (causes.size() >= (known == nullptr ? 2u : 1u) && settled(k)) continue;
-            causes.push_back(refit(problem, nominal, known, chosen[k], known == nullptr ? 8 : 6));
-            score(problem, nominal, base, causes.back());
-            stage(options, known == nullptr ? "fitting the best effects" : "fitting further effects")(
-                static_cast<double>(k + 1 - first) / static_cast<double>(chosen.size() - first));
-        }
-    };
-    fit_chosen(0);
-    // Before `unknown` is said: effects that look worse at first order than they are (contact, tear) get their fit.
-    const bool explained =
-        std::any_of(causes.begin(), causes.end(), [](const Cause& c) { return c.fit.usable && c.explained >= kMost; });
-    if (known == nullptr && !explained && nominal.cost > problem.floor.total()) {
-        const std::size_t first = chosen.size();
-        choose(screening, 0, first + kSecondLook);
-        fit_chosen(first);
-        for (std::size_t k = 0; k < causes.size() && !problem.simulator.mechanics().dynamic(); ++k) {
-            if (!may_have_threshold(problem.simulator.effects()[causes[k].entries.back()])) continue;
-            const auto screened = std::find_if(chosen.begin(), chosen.end(),
-                                               [&](const auto& c) { return c.entry == causes[k].entries.back(); });
-            refit_strongly(problem, nominal, *screened, causes[k]);
-            stage(options, "fitting strong effects")(static_cast<double>(k + 1) / static_cast<double>(causes.size()));
-        }
+    for (std::size_t k = 0; k < chosen.size(); ++k) {
+        if (causes.size() >= (known == nullptr ? 2u : 1u) && settled(k)) continue;
+        causes.push_back(
+            refit(problem, nominal, known, chosen[k], known == nullptr ? kIterations : kFurtherIterations));
+        score(problem, nominal, base, causes.back());
+        stage(options, known == nullptr ? "fitting the best effects" : "fitting further effects")(
+            static_cast<double>(k + 1) / static_cast<double>(chosen.size()));
     }
     for (std::size_t k = 0; known == nullptr && k < screening.effects.size(); ++k)
         if (std::none_of(causes.begin(), causes.end(), [&](const Cause& c) {
@@ -173,19 +184,39 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base
             cause.explained = screening.effects[k].explained;
             causes.push_back(std::move(cause));
         }
-    std::stable_sort(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) { return a.score > b.score; });
-    if (!causes.empty()) try_other_places(problem, nominal, base, screening, causes.front());
-    for (std::size_t k = 0; k < causes.size() && k < kPolished; ++k) {
-        if (!causes[k].fit.usable) continue;
-        Fit better = problem.fit(causes[k].fit.at, 6);
-        if (better.usable && better.misfit < causes[k].fit.residual.squaredNorm()) {
-            causes[k].fit = std::move(better);
-            take_noise(problem, causes[k].fit);
-        }
-        score(problem, nominal, base, causes[k]);
-    }
-    std::stable_sort(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) { return a.score > b.score; });
+    finish(problem, nominal, base, screening, causes);
     return causes;
+}
+
+bool look_again(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes) {
+    const double best_before = causes.front().score;
+    const auto fitted = [&](std::size_t entry) {
+        return std::find_if(causes.begin(), causes.end(),
+                            [&](const Cause& c) { return c.entries == std::vector{entry} && c.fit.usable; });
+    };
+    const auto count = static_cast<std::size_t>(std::count_if(
+        causes.begin(), causes.end(), [](const Cause& c) { return c.entries.size() == 1 && c.fit.usable; }));
+    const auto report = stage(problem.options, "looking again");
+    const std::vector<std::size_t> chosen = worth_refitting(screening, 0, count + kSecondLook);
+    for (std::size_t k = 0; k < chosen.size(); ++k) {
+        const EffectScreening& effect = screening.effects[chosen[k]];
+        if (fitted(effect.entry) == causes.end()) {
+            Cause cause = refit(problem, nominal, nullptr, effect, kIterations);
+            score(problem, nominal, nullptr, cause);
+            keep_better(causes, std::move(cause));
+        }
+        report(0.5 * static_cast<double>(k + 1) / static_cast<double>(chosen.size()));
+    }
+    for (std::size_t k = 0; k < screening.effects.size() && !problem.simulator.mechanics().dynamic(); ++k) {
+        const auto cause = fitted(screening.effects[k].entry);
+        if (cause != causes.end() && may_have_threshold(problem.simulator.effects()[screening.effects[k].entry]))
+            refit_strongly(problem, nominal, screening.effects[k], *cause);
+        report(0.5 + 0.5 * static_cast<double>(k + 1) / static_cast<double>(screening.effects.size()));
+    }
+    sort_by_score(causes);
+    if (causes.front().score <= best_before) return false;
+    finish(problem, nominal, nullptr, screening, causes);
+    return true;
 }
 
 }  // namespace teres

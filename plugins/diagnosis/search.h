@@ -10,4 +10,11 @@ namespace teres {
 /// score.
 std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base, Screening& screening);
 
+/// Whether one of them leaves next to nothing above the floor.
+bool explained(const std::vector<Cause>& causes);
+
+/// Before `unknown` is said: effects that look worse at first order than they are (contact, tear) get their fit,
+/// supports one that starts at full size. True: the best of `causes` is a new one.
+bool look_again(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes);
+
 }  // namespace teres

@@ -32,20 +32,6 @@ class LooserForms {
     Whitener whitener_;
 };
 
-// One cause for each set of effects.
-void keep_better(std::vector<Cause>& causes, Cause cause) {
-    const auto set = [](std::vector<std::size_t> entries) {
-        std::sort(entries.begin(), entries.end());
-        return entries;
-    };
-    const auto same = std::find_if(causes.begin(), causes.end(),
-                                   [&](const Cause& c) { return set(c.entries) == set(cause.entries); });
-    if (same == causes.end())
-        causes.push_back(std::move(cause));
-    else if (cause.fit.usable && (!same->fit.usable || cause.score > same->score))
-        *same = std::move(cause);
-}
-
 // One effect more than `known`, whose form may be off meanwhile. Nothing if that explains what is left.
 std::vector<Cause> search_on_top(Problem& problem, const Fit& nominal, const Cause& known) {
     std::vector<Cause> larger;
