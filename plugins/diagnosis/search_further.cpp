@@ -8,7 +8,7 @@
 namespace teres {
 namespace {
 
-constexpr int kExchanges = 2;       // of the first effect of a pair
+constexpr int kExchanges = 1;       // of the first effect of a pair
 constexpr double kFormShare = 0.2;  // standard deviation of a form, share of the effect's motion
 
 // The forms of what is known may be off while more is searched: the whitener carries their columns.

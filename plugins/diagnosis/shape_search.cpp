@@ -11,23 +11,22 @@ constexpr int kRounds = 3;
 }  // namespace
 
 void improve_shapes(Simulator& simulator, const Whitener& whitener, const Eigen::VectorXd& observed, Fit& fit) {
+    if (fit.at.effects.empty()) return;
+    const std::size_t last = fit.at.effects.size() - 1;
+    const EffectEntry& entry = simulator.effects()[fit.at.effects[last].entry];
+    if (!entry.sensor && !entry.info.event) return;
     const FitSpace space(simulator.mechanics(), simulator.effects(), fit.at);
     for (int round = 0; round < kRounds; ++round) {
         std::vector<Assumption> others;
-        for (std::size_t k = 0; k < fit.at.effects.size(); ++k) {
-            const EffectEntry& entry = simulator.effects()[fit.at.effects[k].entry];
-            if (!entry.sensor && !entry.info.event) continue;
-            const auto& parameters = entry.parameters;
-            for (std::size_t p = 0; p < parameters.size(); ++p) {
-                const Eigen::Index column = space.coordinate(k, p);
-                if (parameters[p].role != EffectRole::kShape) continue;
-                for (const double move : kMoves)
-                    for (const double sign : {-1.0, 1.0}) {
-                        Eigen::VectorXd at = space.coordinates(fit.at);
-                        at(column) += sign * move * space.prior_stdev()(column);
-                        others.push_back(space.assumption(at));
-                    }
-            }
+        for (std::size_t p = 0; p < entry.parameters.size(); ++p) {
+            if (entry.parameters[p].role != EffectRole::kShape) continue;
+            const Eigen::Index column = space.coordinate(last, p);
+            for (const double move : kMoves)
+                for (const double sign : {-1.0, 1.0}) {
+                    Eigen::VectorXd at = space.coordinates(fit.at);
+                    at(column) += sign * move * space.prior_stdev()(column);
+                    others.push_back(space.assumption(at));
+                }
         }
         if (others.empty()) return;
         simulator.approximate(fit.at, fit.trajectory);

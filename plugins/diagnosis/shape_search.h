@@ -1,6 +1,6 @@
 // Onsets, windows and indices at which a recording jumps rather than bends, so that a Jacobian does not see them: a
-// pattern search over the shape parameters of sensor effects and events by their responses; each accepted move is
-// confirmed by a simulation.
+// pattern search over the shape parameters of the effect added last, if it is a sensor's or an event, by their
+// responses; each accepted move is confirmed by a simulation.
 #pragma once
 
 #include "plugins/diagnosis/joint_fit.h"
