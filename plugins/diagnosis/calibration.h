@@ -23,6 +23,9 @@ struct Calibration {
     /// other models differ, as a share of that difference (error_floor.h).
     double model_error = 0.3;
     double discrepancy_share = 0.5;
+    /// Static recordings: what is left above the floor after a further effect counts so many times as error of form of
+    /// those before it.
+    double rest_is_form = 2.0;
     /// Share of what mechanical causes explain of a recording with inertia that remains because their real form is not
     /// quite the catalogue's: a further effect must explain more than that (static recordings: form_columns.h).
     double form_error_dynamic = 0.02;

@@ -83,10 +83,13 @@ void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause)
     cause.score = refit_score(nominal, cause, problem.simulator.effects(), floor, problem.options.calibration);
     cause.explained = explained_share(nominal.cost, cause.fit.cost, floor);
     if (base == nullptr) return;
-    // The known effects gain what they gained alone; the further one what it gains beside their looser forms.
+    // The known effects gain what they gained alone; the further one what it gains beside their looser forms. What even
+    // both leave is an error of form that the known ones alone have too.
     const Eigen::Index n = nominal.u.size();
     const double alone = floor.above(misfit_of(base->fit, n)), both = floor.above(cause.misfit),
-                 form = form_error(problem, nominal, base->known);
+                 form = problem.simulator.mechanics().dynamic()
+                            ? form_error(problem, nominal, base->known)
+                            : problem.options.calibration.rest_is_form * std::max(0.0, cause.misfit - floor.total());
     cause.score -= 0.5 * problem.options.calibration.nu *
                    (std::log(floor.above(base->known.misfit) / alone) + std::log(alone / both) -
                     std::log((alone + form) / (both + form)));
