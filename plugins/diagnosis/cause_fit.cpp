@@ -12,6 +12,13 @@ namespace {
 constexpr int kAttempts = 3;
 constexpr double kFarTheta = 1.5;  // prior standard deviations from the prior at which a refit starts at most
 
+// misfit_of() a fit under another whitener.
+double misfit_under(const Problem& problem, const Whitener& whitener, const Fit& fit, Eigen::Index nominal_parameters) {
+    const double noise = problem.simulator.noise_factor(fit.at);
+    return (whitener(problem.residual_of(fit)).squaredNorm() + fit.u.head(nominal_parameters).squaredNorm()) /
+           (noise * noise);
+}
+
 }  // namespace
 
 void take_noise(Problem& problem, Fit& fit) {
@@ -83,16 +90,17 @@ void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause)
     cause.score = refit_score(nominal, cause, problem.simulator.effects(), floor, problem.options.calibration);
     cause.explained = explained_share(nominal.cost, cause.fit.cost, floor);
     if (base == nullptr) return;
-    // The known effects gain what they gained alone; the further one what it gains beside their looser forms. What even
-    // both leave is an error of form that the known ones alone have too.
-    const Eigen::Index n = nominal.u.size();
-    const double alone = floor.above(misfit_of(base->fit, n)), both = floor.above(cause.misfit),
+    // A further effect is worth what it gains beside looser forms of the known ones. What even both leave is an error
+    // of form that the known ones alone have too.
+    const Calibration& c = problem.options.calibration;
+    const double alone = floor.above(misfit_under(problem, base->looser, base->known.fit, nominal.u.size())),
+                 misfit = misfit_under(problem, base->looser, cause.fit, nominal.u.size()), both = floor.above(misfit),
                  form = problem.simulator.mechanics().dynamic()
                             ? form_error(problem, nominal, base->known)
-                            : problem.options.calibration.rest_is_form * std::max(0.0, cause.misfit - floor.total());
-    cause.score -= 0.5 * problem.options.calibration.nu *
-                   (std::log(floor.above(base->known.misfit) / alone) + std::log(alone / both) -
-                    std::log((alone + form) / (both + form)));
+                            : c.rest_is_form * std::max(0.0, misfit - floor.total());
+    const double gain = std::log(floor.above(base->known.misfit) / floor.above(cause.misfit)),
+                 gain_beside_forms = std::log((alone + form) / (both + form));
+    cause.score -= 0.5 * c.nu * std::max(0.0, gain - gain_beside_forms);
 }
 
 void keep_better(std::vector<Cause>& causes, Cause cause) {

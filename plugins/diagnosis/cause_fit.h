@@ -5,11 +5,11 @@
 
 namespace teres {
 
-/// What one more effect is searched on top of: known effects, and their fit under the whitener in use, by which they
-/// may be off in their form (form_columns.h).
+/// What one more effect is searched on top of: known effects, which may be off in their form (form_columns.h).
 struct Base {
     const Cause& known;
-    Fit fit;
+    Whitener looser;  ///< with the columns of their forms
+    Fit fit;          ///< theirs, completed under `looser`
 };
 
 /// One more effect on top of what is known (null: of the nominal fit), refitted with everything free.

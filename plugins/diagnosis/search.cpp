@@ -138,12 +138,13 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base
     const DiagnosisOptions& options = problem.options;
     const Cause* known = base != nullptr ? &base->known : nullptr;
     const Fit& from = base != nullptr ? base->fit : nominal;
+    const Whitener& whitener = base != nullptr ? base->looser : problem.whitener;
     const Signatures all =
         signatures(problem.simulator, from, known != nullptr ? known->entries : std::vector<std::size_t>{},
                    stage(options, known == nullptr ? "screening effects" : "screening further effects"));
     const std::size_t frames = problem.recording.num_frames;
     const auto screen_first = [&](std::size_t num_frames) {
-        return screen(problem.simulator, all, problem.whitener, problem.floor, from, options.calibration, num_frames);
+        return screen(problem.simulator, all, whitener, problem.floor, from, options.calibration, num_frames);
     };
     screening = screen_first(frames);
     std::vector<Cause> causes;

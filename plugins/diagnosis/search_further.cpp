@@ -11,54 +11,26 @@ namespace {
 constexpr int kExchanges = 1;       // of the first effect of a pair
 constexpr double kFormShare = 0.2;  // standard deviation of a form, share of the effect's motion
 
-// The forms of what is known may be off while more is searched: the whitener carries their columns.
-class LooserForms {
-  public:
-    LooserForms(Problem& problem, const Fit& nominal, const Fit& known)
-        : problem_(problem), whitener_(problem.whitener) {
-        if (problem.simulator.mechanics().dynamic()) return;
-        const Eigen::MatrixXd columns = form_columns(problem.simulator, known.at, known.trajectory, kFormShare);
-        Discrepancy looser = problem.discrepancy;
-        looser.columns.conservativeResize(Eigen::NoChange, looser.columns.cols() + columns.cols());
-        looser.columns.rightCols(columns.cols()) = columns;
-        problem.whitener = whitener_for(problem.recording, looser, nominal.trajectory, problem.options.calibration);
-    }
-    ~LooserForms() { problem_.whitener = std::move(whitener_); }
-    LooserForms(const LooserForms&) = delete;
-    LooserForms& operator=(const LooserForms&) = delete;
+// The whitener in use, with columns for what the known effects may get wrong of their form.
+Whitener looser_whitener(Problem& problem, const Fit& nominal, const Fit& known) {
+    if (problem.simulator.mechanics().dynamic()) return problem.whitener;
+    const Eigen::MatrixXd columns = form_columns(problem.simulator, known.at, known.trajectory, kFormShare);
+    Discrepancy looser = problem.discrepancy;
+    looser.columns.conservativeResize(Eigen::NoChange, looser.columns.cols() + columns.cols());
+    looser.columns.rightCols(columns.cols()) = columns;
+    return whitener_for(problem.recording, looser, nominal.trajectory, problem.options.calibration);
+}
 
-  private:
-    Problem& problem_;
-    Whitener whitener_;
-};
-
-// One effect more than `known`, whose form may be off meanwhile. Nothing if that explains what is left.
+// One effect more than `known`. Nothing if looser forms of that explain what is left.
 std::vector<Cause> search_on_top(Problem& problem, const Fit& nominal, const Cause& known) {
-    std::vector<Cause> larger;
-    {
-        const LooserForms looser(problem, nominal, known.fit);
-        const bool same_metric = problem.simulator.mechanics().dynamic();
-        Base base{known, same_metric ? known.fit : problem.fit(known.fit.at, 4)};
-        if (!base.fit.usable) return larger;
-        problem.complete(base.fit);
-        take_noise(problem, base.fit);
-        if (base.fit.cost < problem.floor.total() + form_error(problem, nominal, known)) return larger;
-        Screening screening;
-        larger = search(problem, nominal, &base, screening);
-    }
-    if (problem.simulator.mechanics().dynamic()) return larger;
-    for (Cause& cause : larger) {  // what is told and compared with `unknown` is the misfit itself
-        if (!cause.fit.usable) continue;
-        if (&cause == &larger.front())
-            if (Fit exact = problem.fit(cause.fit.at, 4); exact.usable) cause.fit = std::move(exact);
-        cause.fit.residual = problem.whitener(problem.residual_of(cause.fit));
-        cause.fit.misfit = cause.fit.residual.squaredNorm();
-        cause.fit.cost = cause.fit.misfit + cause.fit.u.squaredNorm();
-        take_noise(problem, cause.fit);
-        cause.misfit = misfit_of(cause.fit, nominal.u.size());
-        cause.explained = explained_share(nominal.cost, cause.fit.cost, problem.floor);
-    }
-    return larger;
+    Base base{known, looser_whitener(problem, nominal, known.fit), known.fit};
+    complete(problem.simulator, base.looser, problem.recording.observed, base.fit);
+    if (!base.fit.usable) return {};
+    Fit rest = base.fit;
+    take_noise(problem, rest);
+    if (rest.cost < problem.floor.total() + form_error(problem, nominal, known)) return {};
+    Screening screening;
+    return search(problem, nominal, &base, screening);
 }
 
 }  // namespace

@@ -49,9 +49,10 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
     const Eigen::MatrixXd J = fit.J.leftCols(theta), G = fit.J(Eigen::all, amplitude);
     const Eigen::MatrixXd H = Eigen::MatrixXd::Identity(theta, theta) + J.transpose() * J;
     const Eigen::MatrixXd S = G.transpose() * G - G.transpose() * J * H.ldlt().solve(J.transpose() * G);
-    cause.price = {tail_price(fit.u(amplitude)),
-                   occam_price(calibration.nu / floor.above(fit.cost) * S, cause.entries.size()), cause.search_cost,
-                   calibration.further_effect * static_cast<double>(cause.entries.size() - 1)};
+    cause.price = {
+        tail_price(fit.u(amplitude)),
+        occam_price(calibration.nu / floor.above(std::min(fit.cost, floor.total())) * S, cause.entries.size()),
+        cause.search_cost, calibration.further_effect * static_cast<double>(cause.entries.size() - 1)};
     cause.misfit = misfit_of(fit, theta);
     return -0.5 * calibration.nu * std::log(floor.above(cause.misfit) / floor.above(nominal.cost)) -
            cause.price.total();

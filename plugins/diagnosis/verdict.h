@@ -1,11 +1,12 @@
 // From fitted hypotheses to probabilities. One scale-free score per answer [nats]:
 //
 //     cause c:   -(nu/2) ln(above_c / above_0) - price_c,
-//                price_c = tail(a) + search_c + 1/2 ln|I + (nu/above_c) S_c| + that of further effects
+//                price_c = tail(a) + search_c + 1/2 ln|I + (nu/above_f) S_c| + that of further effects,
+//                above_f: at the floor, or at c if that is below: what leaves much does not pay less for it
 //     unknown:   g - price_u,   g = -(nu/2) ln(rest / above_0), rest = above the floor + share of what is beyond it,
 //                price_u = that of the best cause that leaves no more than it (and is likelier than none), or else of
-//                the best: an effect that
-//                nobody thought of is not simpler than those one did, nor dearer than any single one
+//                the best: an effect that nobody thought of is not simpler than those one did, nor dearer than any
+//                single one
 //     none:      bonus against the larger of ln sum exp(scores) and g - least price: that something is amiss may be
 //                certain before anything is named
 //
