@@ -23,12 +23,14 @@ struct Calibration {
     /// other models differ, as a share of that difference (error_floor.h).
     double model_error = 0.3;
     double discrepancy_share = 0.5;
+    /// Share of what mechanical causes explain that remains because their real form is not quite the catalogue's: a
+    /// further effect must explain more than that (besides form_columns.h). With inertia, modulus, damping and mass
+    /// have the forms of the catalogue.
+    double form_error = 0.05;
+    double form_error_dynamic = 0.02;
     /// Static recordings: what is left above the floor after a further effect counts so many times as error of form of
     /// those before it.
     double rest_is_form = 2.0;
-    /// Share of what mechanical causes explain of a recording with inertia that remains because their real form is not
-    /// quite the catalogue's: a further effect must explain more than that (static recordings: form_columns.h).
-    double form_error_dynamic = 0.02;
     /// White part of the model error that the discrepancy columns miss: an absolute part [m] and a share of the
     /// marker's own displacement.
     double white_floor_m = 1.5e-4;

@@ -76,9 +76,10 @@ double form_error(const Problem& problem, const Fit& nominal, const Cause& known
     const EffectTable& effects = problem.simulator.effects();
     const bool mechanical =
         std::any_of(known.entries.begin(), known.entries.end(), [&](std::size_t e) { return !effects[e].sensor; });
-    return mechanical && problem.simulator.mechanics().dynamic()
-               ? problem.options.calibration.form_error_dynamic * std::max(0.0, nominal.cost - known.fit.cost)
-               : 0.0;
+    const Calibration& c = problem.options.calibration;
+    return mechanical ? (problem.simulator.mechanics().dynamic() ? c.form_error_dynamic : c.form_error) *
+                            std::max(0.0, nominal.cost - known.fit.cost)
+                      : 0.0;
 }
 
 void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause) {

@@ -27,8 +27,7 @@ void halve(const EffectEntry& entry, ActiveEffect& effect);
 /// Adds a cause, or puts it in the place of a worse one of the same effects.
 void keep_better(std::vector<Cause>& causes, Cause cause);
 
-/// Cost that `known` leaves in a recording with inertia because a mechanical effect never has quite the form of the
-/// catalogue's; 0 in others, where form_columns.h says which residuals that can be.
+/// Cost that `known` leaves because a mechanical effect never has quite the form of the catalogue's.
 double form_error(const Problem& problem, const Fit& nominal, const Cause& known);
 
 }  // namespace teres
