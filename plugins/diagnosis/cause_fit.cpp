@@ -96,9 +96,8 @@ void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause)
     const Calibration& c = problem.options.calibration;
     const double alone = floor.above(misfit_under(problem, base->looser, base->known.fit, nominal.u.size())),
                  misfit = misfit_under(problem, base->looser, cause.fit, nominal.u.size()), both = floor.above(misfit),
-                 form = problem.simulator.mechanics().dynamic()
-                            ? form_error(problem, nominal, base->known)
-                            : c.rest_is_form * std::max(0.0, misfit - floor.total());
+                 rest = problem.simulator.mechanics().dynamic() ? 0.0 : std::max(0.0, misfit - floor.total()),
+                 form = form_error(problem, nominal, base->known) + c.rest_is_form * rest;
     const double gain = std::log(floor.above(base->known.misfit) / floor.above(cause.misfit)),
                  gain_beside_forms = std::log((alone + form) / (both + form));
     cause.score -= 0.5 * c.nu * std::max(0.0, gain - gain_beside_forms);
