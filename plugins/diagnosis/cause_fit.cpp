@@ -10,7 +10,14 @@ namespace teres {
 namespace {
 
 constexpr int kAttempts = 3;
+constexpr int kShapeRounds = 3;    // of moved onsets and windows, and everything fitted again
+constexpr double kImproved = 0.8;  // of the cost: worth another round
 constexpr double kFarTheta = 1.5;  // prior standard deviations from the prior at which a refit starts at most
+
+bool mechanical(const Problem& problem, const Cause& cause) {
+    return std::any_of(cause.entries.begin(), cause.entries.end(),
+                       [&](std::size_t e) { return !problem.simulator.effects()[e].sensor; });
+}
 
 // misfit_of() a fit under another whitener.
 double misfit_under(const Problem& problem, const Whitener& whitener, const Fit& fit, Eigen::Index nominal_parameters) {
@@ -67,19 +74,23 @@ Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const Effe
     }
     cause.fit = problem.fit(start, iterations);
     if (!cause.fit.usable) return cause;
-    improve_shapes(problem.simulator, problem.whitener, problem.recording.observed, cause.fit);
+    for (int round = 0; round < kShapeRounds; ++round) {
+        const double before = cause.fit.cost;
+        improve_shapes(problem.simulator, problem.whitener, problem.recording.observed, cause.fit);
+        if (cause.fit.cost > kImproved * before || cause.fit.cost < problem.floor.total()) break;
+        Fit again = problem.fit(cause.fit.at, iterations);
+        if (again.usable && again.cost < cause.fit.cost) cause.fit = std::move(again);
+    }
     take_noise(problem, cause.fit);
     return cause;
 }
 
 double form_error(const Problem& problem, const Fit& nominal, const Cause& known) {
-    const EffectTable& effects = problem.simulator.effects();
-    const bool mechanical =
-        std::any_of(known.entries.begin(), known.entries.end(), [&](std::size_t e) { return !effects[e].sensor; });
     const Calibration& c = problem.options.calibration;
-    return mechanical ? (problem.simulator.mechanics().dynamic() ? c.form_error_dynamic : c.form_error) *
-                            std::max(0.0, nominal.cost - known.fit.cost)
-                      : 0.0;
+    return mechanical(problem, known)
+               ? (problem.simulator.mechanics().dynamic() ? c.form_error_dynamic : c.form_error) *
+                     std::max(0.0, nominal.cost - known.fit.cost)
+               : 0.0;
 }
 
 void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause) {
@@ -96,7 +107,9 @@ void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause)
     const Calibration& c = problem.options.calibration;
     const double alone = floor.above(misfit_under(problem, base->looser, base->known.fit, nominal.u.size())),
                  misfit = misfit_under(problem, base->looser, cause.fit, nominal.u.size()), both = floor.above(misfit),
-                 rest = problem.simulator.mechanics().dynamic() ? 0.0 : std::max(0.0, misfit - floor.total()),
+                 rest = problem.simulator.mechanics().dynamic() || !mechanical(problem, base->known)
+                            ? 0.0
+                            : std::max(0.0, misfit - floor.total()),
                  form = form_error(problem, nominal, base->known) + c.rest_is_form * rest;
     const double gain = std::log(floor.above(base->known.misfit) / floor.above(cause.misfit)),
                  gain_beside_forms = std::log((alone + form) / (both + form));
