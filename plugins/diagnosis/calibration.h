@@ -17,7 +17,7 @@ struct Calibration {
     double unknown_share = 0.15;
     /// ... at the price of the best cause that does as well, and at least this [nats] ...
     double unknown_price = 6.0;
-    /// ... and, where that consists of several effects, at most what the dearest single ones cost [nats].
+    /// ... and, where that consists of several effects, at most about what the dearest single ones cost [nats].
     double unknown_price_most = 20.0;
     /// Whitened cost per used number that remains on controls beyond the stated noise: of any body, and of one whose
     /// other models differ, as a share of that difference (error_floor.h).

@@ -19,14 +19,13 @@ bool mechanical(const Problem& problem, const Cause& cause) {
                        [&](std::size_t e) { return !problem.simulator.effects()[e].sensor; });
 }
 
-// misfit_of() a fit under another whitener.
+}  // namespace
+
 double misfit_under(const Problem& problem, const Whitener& whitener, const Fit& fit, Eigen::Index nominal_parameters) {
     const double noise = problem.simulator.noise_factor(fit.at);
     return (whitener(problem.residual_of(fit)).squaredNorm() + fit.u.head(nominal_parameters).squaredNorm()) /
            (noise * noise);
 }
-
-}  // namespace
 
 void take_noise(Problem& problem, Fit& fit) {
     for (ActiveEffect& effect : fit.at.effects) {
@@ -105,7 +104,7 @@ void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause)
     // A further effect is worth what it gains beside looser forms of the known ones. What even both leave is an error
     // of form that the known ones alone have too.
     const Calibration& c = problem.options.calibration;
-    const double alone = floor.above(misfit_under(problem, base->looser, base->known.fit, nominal.u.size())),
+    const double alone = floor.above(base->misfit),
                  misfit = misfit_under(problem, base->looser, cause.fit, nominal.u.size()), both = floor.above(misfit),
                  rest = problem.simulator.mechanics().dynamic() || !mechanical(problem, base->known)
                             ? 0.0
@@ -127,6 +126,17 @@ void keep_better(std::vector<Cause>& causes, Cause cause) {
         causes.push_back(std::move(cause));
     else if (cause.fit.usable && (!same->fit.usable || cause.score > same->score))
         *same = std::move(cause);
+}
+
+const Cause* fitted_alone(const std::vector<Cause>& causes, std::size_t entry) {
+    const auto found = std::find_if(causes.begin(), causes.end(), [&](const Cause& c) {
+        return c.entries.size() == 1 && c.entries[0] == entry && c.fit.usable;
+    });
+    return found != causes.end() ? &*found : nullptr;
+}
+
+void sort_by_score(std::vector<Cause>& causes) {
+    std::stable_sort(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) { return a.score > b.score; });
 }
 
 }  // namespace teres

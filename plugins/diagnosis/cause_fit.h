@@ -10,6 +10,7 @@ struct Base {
     const Cause& known;
     Whitener looser;  ///< with the columns of their forms
     Fit fit;          ///< theirs, completed under `looser`
+    double misfit;    ///< of `fit`, misfit_of()
 };
 
 /// One more effect on top of what is known (null: of the nominal fit), refitted with everything free.
@@ -17,6 +18,9 @@ Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const Effe
 
 /// Fills score and explained. `base`: what the cause was searched on top of, or null.
 void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause);
+
+/// misfit_of() a fit under another whitener.
+double misfit_under(const Problem& problem, const Whitener& whitener, const Fit& fit, Eigen::Index nominal_parameters);
 
 /// The effect `noise` moves nothing; it is worth the white part of what is left.
 void take_noise(Problem& problem, Fit& fit);
@@ -26,6 +30,12 @@ void halve(const EffectEntry& entry, ActiveEffect& effect);
 
 /// Adds a cause, or puts it in the place of a worse one of the same effects.
 void keep_better(std::vector<Cause>& causes, Cause cause);
+
+/// The fitted cause that consists of this effect alone, or null.
+const Cause* fitted_alone(const std::vector<Cause>& causes, std::size_t entry);
+
+/// Best score first.
+void sort_by_score(std::vector<Cause>& causes);
 
 /// Cost that `known` leaves because a mechanical effect never has quite the form of the catalogue's.
 double form_error(const Problem& problem, const Fit& nominal, const Cause& known);

@@ -1,5 +1,6 @@
 #include "plugins/diagnosis/form_columns.h"
 
+#include <algorithm>
 #include <numbers>
 
 namespace teres {

@@ -40,9 +40,13 @@ Whitener whitener_for(const Recording& recording, const Discrepancy& discrepancy
             std::sqrt(std::pow(recording.noise_m, 2) + std::pow(calibration.white_floor_m, 2) +
                       std::pow(discrepancy.remainder_m, 2) + std::pow(calibration.white_share * displacement, 2));
     }
-    // The columns' coefficients are N(0,1) against data that count as nu numbers, not as all of them.
+    return tempered_whitener(recording.fit_rows, sigma, discrepancy.columns, calibration);
+}
+
+Whitener tempered_whitener(const std::vector<Eigen::Index>& rows, const Eigen::VectorXd& sigma,
+                           const Eigen::MatrixXd& columns, const Calibration& calibration) {
     const double counted = std::min(1.0, calibration.nu / static_cast<double>(sigma.size()));
-    return Whitener(recording.fit_rows, sigma, std::sqrt(counted) * discrepancy.columns);
+    return Whitener(rows, sigma, std::sqrt(counted) * columns);
 }
 
 Fit nominal_fit(Problem& problem) {

@@ -16,6 +16,10 @@ Assumption prior_median(const TrajectoryModel& model);
 Whitener whitener_for(const Recording& recording, const Discrepancy& discrepancy, const Eigen::VectorXd& motion,
                       const Calibration& calibration);
 
+/// The same from its parts: coefficients of `columns` are N(0,1) against data that count as nu numbers, not as all.
+Whitener tempered_whitener(const std::vector<Eigen::Index>& rows, const Eigen::VectorXd& sigma,
+                           const Eigen::MatrixXd& columns, const Calibration& calibration);
+
 struct Problem {
     Simulator& simulator;
     Recording& recording;

@@ -105,10 +105,6 @@ void try_other_places(Problem& problem, const Fit& nominal, const Base* base, co
     score(problem, nominal, base, cause);
 }
 
-void sort_by_score(std::vector<Cause>& causes) {
-    std::stable_sort(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) { return a.score > b.score; });
-}
-
 // The best cause from other places as well; the best few fitted to the end.
 void finish(Problem& problem, const Fit& nominal, const Base* base, const Screening& screening,
             std::vector<Cause>& causes) {
@@ -149,11 +145,11 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base
     screening = screen_first(frames);
     std::vector<Cause> causes;
     std::vector<EffectScreening> chosen;
-    const auto choose = [&](const Screening& from, std::size_t by_score, std::size_t by_share) {
-        for (const std::size_t k : worth_refitting(from, by_score, by_share))
+    const auto choose = [&](const Screening& screened, std::size_t by_score, std::size_t by_share) {
+        for (const std::size_t k : worth_refitting(screened, by_score, by_share))
             if (std::none_of(chosen.begin(), chosen.end(),
-                             [&](const auto& c) { return c.entry == from.effects[k].entry; }))
-                chosen.push_back(from.effects[k]);
+                             [&](const auto& c) { return c.entry == screened.effects[k].entry; }))
+                chosen.push_back(screened.effects[k]);
     };
     if (problem.simulator.mechanics().dynamic())
         choose(try_beginnings(problem, from, known, screen_first(frames / 4)), 3, 1);
@@ -191,17 +187,13 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base
 
 bool look_again(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes) {
     const double best_before = causes.front().score;
-    const auto fitted = [&](std::size_t entry) {
-        return std::find_if(causes.begin(), causes.end(),
-                            [&](const Cause& c) { return c.entries == std::vector{entry} && c.fit.usable; });
-    };
     const auto count = static_cast<std::size_t>(std::count_if(
         causes.begin(), causes.end(), [](const Cause& c) { return c.entries.size() == 1 && c.fit.usable; }));
     const auto report = stage(problem.options, "looking again");
     const std::vector<std::size_t> chosen = worth_refitting(screening, 0, count + kSecondLook);
     for (std::size_t k = 0; k < chosen.size(); ++k) {
         const EffectScreening& effect = screening.effects[chosen[k]];
-        if (fitted(effect.entry) == causes.end()) {
+        if (fitted_alone(causes, effect.entry) == nullptr) {
             Cause cause = refit(problem, nominal, nullptr, effect, kIterations);
             score(problem, nominal, nullptr, cause);
             keep_better(causes, std::move(cause));
@@ -209,9 +201,13 @@ bool look_again(Problem& problem, const Fit& nominal, const Screening& screening
         report(0.5 * static_cast<double>(k + 1) / static_cast<double>(chosen.size()));
     }
     for (std::size_t k = 0; k < screening.effects.size() && !problem.simulator.mechanics().dynamic(); ++k) {
-        const auto cause = fitted(screening.effects[k].entry);
-        if (cause != causes.end() && may_have_threshold(problem.simulator.effects()[screening.effects[k].entry]))
-            refit_strongly(problem, nominal, screening.effects[k], *cause);
+        const EffectScreening& effect = screening.effects[k];
+        const Cause* alone = fitted_alone(causes, effect.entry);
+        if (alone != nullptr && may_have_threshold(problem.simulator.effects()[effect.entry])) {
+            Cause strong = *alone;
+            refit_strongly(problem, nominal, effect, strong);
+            keep_better(causes, std::move(strong));
+        }
         report(0.5 + 0.5 * static_cast<double>(k + 1) / static_cast<double>(screening.effects.size()));
     }
     sort_by_score(causes);

@@ -6,8 +6,8 @@
 namespace teres {
 
 /// Searches one effect more on top of the best of `causes` and adds what it finds. A first effect that was a compromise
-/// between two is exchanged: what was added to it is fitted alone, and searched on top of, until the pair stays or
-/// explains everything. False: nothing was found that is better than the best before.
+/// between two is exchanged: what was added to it is fitted alone, and searched on top of. False: nothing was found
+/// that is better than the best before.
 bool search_further(Problem& problem, const Fit& nominal, std::vector<Cause>& causes);
 
 }  // namespace teres
