@@ -8,7 +8,7 @@ struct Calibration {
     /// likelihood counts as that of nu samples, not of thousands (a raw evidence is always certain, and mostly wrong).
     double nu = 45.0;
     /// Bonus of the answer `none` [nats].
-    double none_bonus = 6.0;
+    double none_bonus = 3.5;
     /// Probabilities are p^(1/temperature): sealed cases were right less often than untempered ones said.
     double temperature = 1.5;
     /// Prior cost of every effect beyond the first [nats].

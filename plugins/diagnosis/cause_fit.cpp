@@ -73,7 +73,7 @@ Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const Effe
     }
     cause.fit = problem.fit(start, iterations);
     if (!cause.fit.usable) return cause;
-    for (int round = 0; round < kShapeRounds; ++round) {
+    for (int round = 0; round < kShapeRounds && cause.fit.misfit < problem.out_of_reach; ++round) {
         const double before = cause.fit.cost;
         improve_shapes(problem.simulator, problem.whitener, problem.recording.observed, cause.fit);
         if (cause.fit.cost > kImproved * before || cause.fit.cost < problem.floor.total()) break;

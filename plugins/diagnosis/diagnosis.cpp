@@ -175,7 +175,7 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     };
     if (!causes.empty()) {
         add_more();
-        if (out.nominal.cost > problem.floor.total() && !explained(causes) &&
+        if (out.nominal.cost > problem.floor.total() &&
             look_again(problem, out.nominal, out.screening, causes))
             add_more();
     }

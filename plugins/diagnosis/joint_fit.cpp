@@ -15,6 +15,7 @@ constexpr double kFarFromWhole =
     1.0;                          // scaled coordinates from the last whole simulation: its tangents no longer serve
 constexpr double kNoMove = 1e-9;  // scaled coordinates
 constexpr double kMaxDamping = 1e6;
+constexpr int kPatience = 2;  // steps whose gain tells what the next ones can bring
 
 // Square roots of Huber weights per trajectory row: marker distances against their median.
 Eigen::VectorXd huber_roots(const Eigen::VectorXd& difference) {
@@ -113,6 +114,9 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
         weigh(fit);
         return fit;
     };
+    const auto misfit_and_ligaments = [&](const Fit& fit) {
+        return fit.misfit + fit.u.head(static_cast<Eigen::Index>(start.theta.size())).squaredNorm();
+    };
     Eigen::MatrixXd H;  // dh/du of the trajectory
     bool current = false;
     Eigen::VectorXd whole_u = scaled(start);
@@ -153,6 +157,7 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
     Fit best = evaluate(scaled(start));
     if (!best.usable) return best;
     double damping = kDamping, growth = kGrowth;
+    std::vector<double> course{misfit_and_ligaments(best)};
     for (int iteration = 0; iteration < options.max_iterations && damping < kMaxDamping; ++iteration) {
         if (options.robust) {
             weight = used.cwiseProduct(huber_roots(observed - best.trajectory));
@@ -185,6 +190,10 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
             damping *= growth;
             growth *= kGrowth;
         }
+        course.push_back(misfit_and_ligaments(best));
+        if (iteration < kPatience) continue;
+        const double gained = course[course.size() - 1 - kPatience] - course.back();
+        if (course.back() - gained / kPatience * (options.max_iterations - iteration) > options.out_of_reach) break;
     }
     if (options.robust) {  // every marker at full weight
         weight = used;

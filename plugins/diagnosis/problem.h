@@ -28,10 +28,14 @@ struct Problem {
     Whitener whitener;
     ErrorFloor floor{};
 
+    double out_of_reach = std::numeric_limits<double>::infinity();  ///< FitOptions, of every fit
+
     Fit fit(const Assumption& start, int iterations, bool robust = false) {
-        return fit_jointly(
-            simulator, whitener, recording.observed, start,
-            {.max_iterations = iterations, .growing = simulator.mechanics().dynamic(), .robust = robust});
+        return fit_jointly(simulator, whitener, recording.observed, start,
+                           {.max_iterations = iterations,
+                            .growing = simulator.mechanics().dynamic(),
+                            .out_of_reach = out_of_reach,
+                            .robust = robust});
     }
     /// Observed minus fitted, 0 where lost [m].
     Eigen::VectorXd residual_of(const Fit& fit) const {

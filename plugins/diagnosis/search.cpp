@@ -1,6 +1,8 @@
 #include "plugins/diagnosis/search.h"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <numeric>
 #include <string_view>
 
@@ -37,6 +39,26 @@ void refit_strongly(Problem& problem, const Fit& nominal, const EffectScreening&
     cause = std::move(other);
     score(problem, nominal, nullptr, cause);
 }
+
+// While it lives, fits are given up that would leave an effect out of the best one's reach even if its amplitudes cost
+// nothing.
+class WithinReach {
+  public:
+    WithinReach(Problem& problem, const Fit& nominal, const std::vector<Cause>& causes, double search_cost)
+        : problem_(problem) {
+        double best = 0.0;
+        for (const Cause& cause : causes) best = std::max(best, cause.score);
+        const double gain = best - kOutOfReach + search_cost;
+        problem.out_of_reach = problem.floor.cost_of(problem.floor.above(nominal.cost) *
+                                                     std::exp(-2.0 * gain / problem.options.calibration.nu));
+    }
+    ~WithinReach() { problem_.out_of_reach = std::numeric_limits<double>::infinity(); }
+    WithinReach(const WithinReach&) = delete;
+    WithinReach& operator=(const WithinReach&) = delete;
+
+  private:
+    Problem& problem_;
+};
 
 // Which screened effects deserve a refit: the best scores, and besides them those that explain most, because a local
 // cause between the points of the search grid looks worse than it is.
@@ -123,12 +145,19 @@ void finish(Problem& problem, const Fit& nominal, const Base* base, const Screen
     sort_by_score(causes);
 }
 
-}  // namespace
-
-bool explained(const std::vector<Cause>& causes) {
-    return std::any_of(causes.begin(), causes.end(),
-                       [](const Cause& c) { return c.fit.usable && c.explained >= kMost; });
+bool explains_most(const Cause& cause) {
+    return cause.fit.usable && cause.explained >= kMost;
 }
+
+// The effects that would be named, if they explain nearly everything; else none.
+std::vector<std::size_t> convincing(const Problem& problem, const Fit& nominal, const std::vector<Cause>& causes) {
+    const Verdict verdict = judge(causes, nominal.cost, problem.floor, problem.options.calibration);
+    const Cause& top = verdict.causes.front();
+    const bool named = top.probability > std::max(verdict.none_probability, verdict.unknown_probability);
+    return named && explains_most(top) ? top.entries : std::vector<std::size_t>{};
+}
+
+}  // namespace
 
 std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base, Screening& screening) {
     const DiagnosisOptions& options = problem.options;
@@ -165,6 +194,8 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base
     };
     for (std::size_t k = 0; k < chosen.size(); ++k) {
         if (causes.size() >= (known == nullptr ? 2u : 1u) && settled(k)) continue;
+        const WithinReach reach(problem, nominal, causes,
+                                (known != nullptr ? known->search_cost : 0.0) + chosen[k].search_cost);
         causes.push_back(
             refit(problem, nominal, known, chosen[k], known == nullptr ? kIterations : kFurtherIterations));
         score(problem, nominal, base, causes.back());
@@ -186,25 +217,37 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base
 }
 
 bool look_again(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes) {
+    const std::vector<std::size_t> told = convincing(problem, nominal, causes);
+    const bool enough = std::any_of(causes.begin(), causes.end(),
+                                    [](const Cause& c) { return c.entries.size() == 1 && explains_most(c); });
+    if (told.size() == 1 || (told.empty() && enough)) return false;
     const double best_before = causes.front().score;
-    const auto count = static_cast<std::size_t>(std::count_if(
-        causes.begin(), causes.end(), [](const Cause& c) { return c.entries.size() == 1 && c.fit.usable; }));
     const auto report = stage(problem.options, "looking again");
-    const std::vector<std::size_t> chosen = worth_refitting(screening, 0, count + kSecondLook);
-    for (std::size_t k = 0; k < chosen.size(); ++k) {
-        const EffectScreening& effect = screening.effects[chosen[k]];
-        if (fitted_alone(causes, effect.entry) == nullptr) {
-            Cause cause = refit(problem, nominal, nullptr, effect, kIterations);
-            score(problem, nominal, nullptr, cause);
-            keep_better(causes, std::move(cause));
+    if (told.empty()) {
+        const auto count = static_cast<std::size_t>(std::count_if(
+            causes.begin(), causes.end(), [](const Cause& c) { return c.entries.size() == 1 && c.fit.usable; }));
+        const std::vector<std::size_t> chosen = worth_refitting(screening, 0, count + kSecondLook);
+        for (std::size_t k = 0; k < chosen.size(); ++k) {
+            const EffectScreening& effect = screening.effects[chosen[k]];
+            if (fitted_alone(causes, effect.entry) == nullptr) {
+                const WithinReach reach(problem, nominal, causes, effect.search_cost);
+                Cause cause = refit(problem, nominal, nullptr, effect, kIterations);
+                score(problem, nominal, nullptr, cause);
+                keep_better(causes, std::move(cause));
+            }
+            report(0.5 * static_cast<double>(k + 1) / static_cast<double>(chosen.size()));
         }
-        report(0.5 * static_cast<double>(k + 1) / static_cast<double>(chosen.size()));
     }
+    const auto in_question = [&](std::size_t entry) {
+        return may_have_threshold(problem.simulator.effects()[entry]) &&
+               (told.empty() || std::find(told.begin(), told.end(), entry) != told.end());
+    };
     for (std::size_t k = 0; k < screening.effects.size() && !problem.simulator.mechanics().dynamic(); ++k) {
         const EffectScreening& effect = screening.effects[k];
         const Cause* alone = fitted_alone(causes, effect.entry);
-        if (alone != nullptr && may_have_threshold(problem.simulator.effects()[effect.entry])) {
+        if (alone != nullptr && in_question(effect.entry)) {
             Cause strong = *alone;
+            const WithinReach reach(problem, nominal, causes, effect.search_cost);
             refit_strongly(problem, nominal, effect, strong);
             keep_better(causes, std::move(strong));
         }

@@ -10,11 +10,9 @@ namespace teres {
 /// score.
 std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base, Screening& screening);
 
-/// Whether one of them leaves next to nothing above the floor.
-bool explained(const std::vector<Cause>& causes);
-
-/// Before `unknown` is said: effects that look worse at first order than they are (contact, tear) get their fit,
-/// supports one that starts at full size. True: the best of `causes` is a new one.
+/// Unless a single effect explains nearly everything: before several effects are named, supports among them (contact,
+/// slackness) get a fit that starts at full size; before `unknown` is said, all of them, and effects that look worse at
+/// first order than they are (contact, tear) their fit. True: the best of `causes` is a new one.
 bool look_again(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes);
 
 }  // namespace teres

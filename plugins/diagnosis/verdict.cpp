@@ -28,6 +28,13 @@ double price_of_rival(const std::vector<Cause>& causes, double rest, const Calib
                                      : rival->price.total();
 }
 
+// Evidence for an effect that shows, logarithm: a score of 0 says that the effect may be there unseen, which is `none`.
+double visible_evidence(double score) {
+    constexpr double kUnseen = 0.02, kLarge = 30.0;  // a trace of it, so that the order stays
+    return score > kLarge ? score
+                          : std::log(std::expm1(std::max(score, 0.0)) + kUnseen * std::exp(std::min(score, 0.0)));
+}
+
 }  // namespace
 
 double misfit_of(const Fit& fit, Eigen::Index nominal_parameters) {
@@ -72,19 +79,20 @@ Verdict judge(std::vector<Cause> causes, double cost_null, const ErrorFloor& flo
     Verdict verdict;
     const double rest = unexplained(cost_null, floor, calibration);
     const double gain = unknown_gain(cost_null, floor, calibration);
-    const double unknown = gain - std::max(calibration.unknown_price, price_of_rival(causes, rest, calibration));
+    const double unknown =
+        visible_evidence(gain - std::max(calibration.unknown_price, price_of_rival(causes, rest, calibration)));
 
     // Which cause, if there is one.
     double top = unknown;
-    for (const Cause& cause : causes) top = std::max(top, cause.score);
+    for (const Cause& cause : causes) top = std::max(top, visible_evidence(cause.score));
     double sum = std::exp(unknown - top);
-    for (const Cause& cause : causes) sum += std::exp(cause.score - top);
+    for (const Cause& cause : causes) sum += std::exp(visible_evidence(cause.score) - top);
     // Whether there is one.
     const double something = std::max(top + std::log(sum), gain - calibration.unknown_price);
     verdict.none_probability = 1.0 / (1.0 + std::exp(something - calibration.none_bonus));
     verdict.unknown_probability = (1.0 - verdict.none_probability) * std::exp(unknown - top) / sum;
     for (Cause& cause : causes)
-        cause.probability = (1.0 - verdict.none_probability) * std::exp(cause.score - top) / sum;
+        cause.probability = (1.0 - verdict.none_probability) * std::exp(visible_evidence(cause.score) - top) / sum;
     // Tempered.
     double total = 0.0;
     const auto temper = [&](double& p) { total += p = std::pow(p, 1.0 / calibration.temperature); };

@@ -57,6 +57,23 @@ TEST(Verdict, NothingBeyondTheFloorIsNone) {
     EXPECT_GT(verdict.none_probability, 0.8);
 }
 
+// Thirty effects of score 0: none of them shows, however many there are; the better of two that hardly do stays ahead.
+TEST(Verdict, EffectsThatDoNotShowDoNotWeighAgainstNone) {
+    std::vector<Cause> causes;
+    for (std::size_t k = 0; k < 30; ++k) causes.push_back(fitted({k}, 1.0, 0.0, 1.0));
+    causes.push_back(fitted({30}, 1.0, 1.0, 1.0));
+    const Verdict verdict = judge(causes, 1.0, kFloor, {});
+    EXPECT_GT(verdict.none_probability, 0.8);
+    EXPECT_LT(probability_of(verdict, {30}), probability_of(verdict, {0}));
+}
+
+// Five nats above nothing beat the bonus of `none`, one does not (the gap is too small for `unknown`).
+TEST(Verdict, ACauseIsNamedIfItBeatsTheBonusOfNone) {
+    const double nominal = 1.6, gain = 22.5 * std::log(2.6 / 2.0);
+    EXPECT_GT(probability_of(judge({fitted({0}, 1.0, gain - 5.0, nominal)}, nominal, kFloor, {}), {0}), 0.5);
+    EXPECT_GT(judge({fitted({0}, 1.0, gain - 1.0, nominal)}, nominal, kFloor, {}).none_probability, 0.5);
+}
+
 TEST(Verdict, ProbabilitiesSumToOne) {
     const Verdict verdict =
         judge({fitted({0}, 3.0, 8.0), fitted({1}, 2.0, 9.0), fitted({0, 1}, 1.0, 20.0)}, kNominal, kFloor, {});
