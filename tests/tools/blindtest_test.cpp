@@ -290,6 +290,27 @@ TEST(Scoring, EqualsPenAndPaper) {
     EXPECT_EQ(s.effects.at("latency").top3.right, 0);
 }
 
+// Of two causes one adds 0.1 mm to a floor of 0.35 mm: naming the other is right, naming what was not there is not.
+TEST(Scoring, OfTwoCausesOnlyTheVisibleOnesMustBeNamed) {
+    std::vector<CaseResult> r;
+    const auto add = [&](const std::string& answer, double second_mm) {
+        r.push_back(result("gravity+latency", 2.0, gap_json(cause(answer, 0.9), 0.1, 0.0)));
+        r.back().gap_of_mm = {{"gravity", 2.0}, {"latency", second_mm}};
+    };
+    add(R"("gravity")", 0.1);
+    add(R"("gravity","latency")", 0.1);
+    add(R"("gravity","cut")", 0.1);
+    add(R"("gravity")", 1.0);
+    add(R"("gravity","latency")", 1.0);
+    const Summary s = summarise(r);
+    EXPECT_EQ(s.two_seen.right, 2);
+    EXPECT_EQ(s.two_seen.of, 3);
+    EXPECT_EQ(s.two_both.right, 1);
+    EXPECT_EQ(s.two_both.of, 2);
+    EXPECT_EQ(s.two_one.right, 2);
+    EXPECT_EQ(s.reliability[9].right.right, 3);
+}
+
 TEST(Scoring, LinesKeepEverything) {
     for (const CaseResult& r : hand_made()) {
         const std::string line = to_json_line(r);

@@ -146,22 +146,24 @@ Status CaseMaker::make_once(const CaseSpec& spec, const Patient& patient, int at
     const TruthBody& body = patient.body;
     Scenario scenario = body.control();
     std::vector<EffectTruth> truths;
-    bool mechanical = false;
+    std::vector<Frames> steps;  // what each effect adds to what the camera sees
+    Motion motion = patient.control;
+    const bool alone = spec.effects.size() == 1;  // before its onset a lone event is the control
     for (const std::string& id : spec.effects) {
         if (std::string(find_effect(id)->kind) == "sensor") continue;
         TERES_TRY_ASSIGN(EffectTruth truth, draw_mechanics(id, random, body, scenario, scratch_));
         truths.push_back(std::move(truth));
-        mechanical = true;
-    }
-    Motion motion = patient.control;
-    const bool alone = spec.effects.size() == 1;  // before its onset a lone event is the control
-    if (mechanical) {
+        const Frames before = motion.markers;
         TERES_TRY_ASSIGN(motion, body.simulate(scenario, scratch_, alone ? &patient.control : nullptr));
+        steps.push_back(difference(motion.markers, before));
     }
     SensorState sensor{motion.markers, 1.0, 0.0};
     for (const std::string& id : spec.effects)
-        if (std::string(find_effect(id)->kind) == "sensor")
+        if (std::string(find_effect(id)->kind) == "sensor") {
+            const Frames before = sensor.seen;
             truths.push_back(draw_sensor(id, random, body.nominal(), sensor));
+            steps.push_back(difference(sensor.seen, before));
+        }
 
     Case nominal = body.nominal();
     nominal.name = spec.name;
@@ -174,7 +176,10 @@ Status CaseMaker::make_once(const CaseSpec& spec, const Patient& patient, int at
     const Frames seen_gap = difference(sensor.seen, patient.control.markers);
     Json label{{"case", spec.name},       {"draw", spec.draw},       {"seed", seed_},
                {"clamped", spec.clamped}, {"dynamic", spec.dynamic}, {"effects", Json::array()}};
-    for (const EffectTruth& truth : truths) label["effects"].push_back(to_json(truth));
+    for (std::size_t k = 0; k < truths.size(); ++k) {
+        label["effects"].push_back(to_json(truths[k]));
+        label["effects"].back()["gap_mm"] = 1e3 * unexplained_rms(steps[k], explained);
+    }
     Frames rest = patient.control.markers;
     for (auto& frame : rest)
         for (std::size_t m = 0; m < frame.size(); ++m) frame[m] = nominal.markers[m].position_m;

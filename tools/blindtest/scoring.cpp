@@ -110,9 +110,33 @@ Result<Answer> answer_from(const Json& json, const std::string& name) {
     return answer;
 }
 
-bool is_visible(const CaseResult& result, const Summary& s) {
+double visible_from_mm(const CaseResult& result, const Summary& s) {
     const auto own = s.body_floor_mm.find(result.body);
-    return result.gap_nominal_mm > kVisible * (own != s.body_floor_mm.end() ? own->second : s.floor_mm);
+    return kVisible * (own != s.body_floor_mm.end() ? own->second : s.floor_mm);
+}
+
+// Those of the true effects that are visible.
+std::vector<std::string> visible_effects(const CaseResult& result, const Summary& s) {
+    std::vector<std::string> visible;
+    if (result.truth == "none") return visible;
+    for (const std::string& id : ids_of(result.truth)) {
+        const auto own = result.gap_of_mm.find(id);
+        const double gap_mm = own != result.gap_of_mm.end() ? own->second : result.gap_nominal_mm;
+        if (gap_mm > visible_from_mm(result, s)) visible.push_back(id);
+    }
+    return visible;
+}
+
+// Every visible effect is named, and no effect that was not there.
+bool is_right(const std::string& answer, const std::string& truth, const std::vector<std::string>& visible) {
+    if (answer == truth) return true;
+    if (answer == "none") return visible.empty();
+    const auto named = ids_of(answer), there = ids_of(truth);
+    const auto among = [](const std::vector<std::string>& ids) {
+        return [&ids](const std::string& id) { return std::count(ids.begin(), ids.end(), id) != 0; };
+    };
+    return is_cause(answer) && std::all_of(visible.begin(), visible.end(), among(named)) &&
+           std::all_of(named.begin(), named.end(), among(there));
 }
 
 // Floors of the bodies that have a control.
@@ -187,6 +211,7 @@ std::string to_json_line(const CaseResult& r) {
                 {"body", r.body},
                 {"located", r.located},
                 {"gap_nominal_mm", r.gap_nominal_mm},
+                {"gap_of_mm", r.gap_of_mm},
                 {"noise_mm", r.noise_mm},
                 {"answer", r.answer ? to_json(*r.answer) : Json(nullptr)},
                 {"place_error_mm", to_json(r.place_error_mm)},
@@ -210,6 +235,9 @@ Result<CaseResult> parse_case_result(std::string_view line, const std::string& p
     r.located = json.value("located", false);
     r.gap_nominal_mm = number(json, "gap_nominal_mm").value_or(0.0);
     r.noise_mm = number(json, "noise_mm").value_or(0.0);
+    if (const auto each = json.find("gap_of_mm"); each != json.end() && each->is_object())
+        for (const auto& [id, gap] : each->items())
+            if (gap.is_number()) r.gap_of_mm[id] = gap.get<double>();
     r.place_error_mm = number(json, "place_error_mm");
     r.onset_error_s = number(json, "onset_error_s");
     r.true_shrinkage = number(json, "true_shrinkage");
@@ -245,11 +273,15 @@ Summary summarise(std::span<const CaseResult> results, std::optional<double> flo
         s.peak_mb.push_back(r.peak_mb);
         const auto [best, probability] = r.answer->best();
         const auto causes = ids_of(r.truth);
-        const bool control = r.truth == "none", visible = is_visible(r, s);
+        const auto seen = visible_effects(r, s);
+        const bool control = r.truth == "none", visible = !seen.empty();
+        const bool right = is_right(best, r.truth, seen);
         if (control) {
             s.false_alarm.add(best != "none");
         } else if (causes.size() == 1) {
             add_single(r, best, visible, s);
+        } else if (visible && seen.size() < causes.size()) {
+            s.two_seen.add(right);
         } else if (visible) {
             const auto named = ids_of(best);
             s.two_both.add(best == r.truth);
@@ -258,8 +290,6 @@ Summary summarise(std::span<const CaseResult> results, std::optional<double> flo
             }));
         }
         if (control || visible) ++s.confusion[r.truth][best];
-        // Below the floor "none" is the right answer.
-        const bool right = best == r.truth || (!visible && best == "none");
         const auto bin = std::min<std::size_t>(9, static_cast<std::size_t>(10.0 * probability));
         s.reliability[bin].right.add(right);
         probability_sum[bin] += probability;

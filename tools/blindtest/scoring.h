@@ -39,9 +39,10 @@ struct CaseResult {
     std::string truth;  ///< cause_name; "none" for controls
     std::string body;   ///< patient, supports and kind of recording: cases of one body share its control's floor
     bool located = false;
-    double gap_nominal_mm = 0.0;   ///< what the ligament's unknowns cannot explain, from the truth
-    double noise_mm = 0.0;         ///< stated noise, 3-D rms
-    std::optional<Answer> answer;  ///< nullopt: the diagnosis failed
+    double gap_nominal_mm = 0.0;                ///< what the ligament's unknowns cannot explain, from the truth
+    std::map<std::string, double> gap_of_mm{};  ///< the same of each effect of several: what it adds to those before it
+    double noise_mm = 0.0;                      ///< stated noise, 3-D rms
+    std::optional<Answer> answer;               ///< nullopt: the diagnosis failed
     std::optional<double> place_error_mm, onset_error_s;
     std::optional<double> true_shrinkage;  ///< of the error of the inner points against the noise-free truth
     std::optional<Answer> withheld;        ///< answer with the true effect excluded
@@ -78,7 +79,8 @@ struct Summary {
     Share false_alarm;                    ///< controls; `right` counts the alarms
     Share withheld_unknown;               ///< visible, withheld: "unknown" or another effect of its family
     Share false_unknown;                  ///< visible, not withheld; `right` counts the answers "unknown"
-    Share two_both, two_one;              ///< two causes: both named, at least one
+    Share two_both, two_one;              ///< two causes, each of them visible: both named, at least one
+    Share two_seen;                       ///< two causes, one of them visible: named is that one, or both
     Share coverage;                       ///< true shrinkage within ci95, mechanical causes
     std::vector<double> true_shrinkage;   ///< visible, right cause named
     std::vector<double> wrong_shrinkage;  ///< visible, wrong cause named

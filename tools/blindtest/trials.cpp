@@ -129,7 +129,10 @@ Result<std::optional<CaseResult>> score_case(const CaseSpec& spec, const fs::pat
     CaseResult r;
     r.name = spec.name;
     std::vector<std::string> ids;
-    for (const Json& effect : label["effects"]) ids.push_back(effect.value("id", ""));
+    for (const Json& effect : label["effects"]) {
+        ids.push_back(effect.value("id", ""));
+        if (effect.contains("gap_mm")) r.gap_of_mm[ids.back()] = effect.value("gap_mm", 0.0);
+    }
     r.truth = cause_name(ids);
     r.body = std::to_string(label.value("draw", 0)) + (label.value("clamped", false) ? " clamped" : " free") +
              (label.value("dynamic", false) ? ", dynamic" : "");
