@@ -37,6 +37,8 @@ struct Calibration {
     double white_share = 0.005;
     /// The overlap of whitened signatures from which two causes count as inseparable.
     double confusable_overlap = 0.9;
+    /// ... and the evidence by which a fitted one may be behind before any price [nats].
+    double same_evidence = 2.0;
 };
 
 }  // namespace teres

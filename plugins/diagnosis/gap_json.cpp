@@ -47,8 +47,8 @@ Json parameters(const Cause& cause, const EffectTable& effects, const Trajectory
     return list;
 }
 
-Json confusable(const Cause& cause, const EffectTable& effects, const Confusability& table,
-                const Calibration& calibration) {
+// What may stand in for a cause: by first order, by its family, and what was fitted and leaves as little.
+Json confusable(const Cause& cause, const EffectTable& effects, const Diagnosis& d, const Calibration& calibration) {
     Json list = Json::array();
     std::vector<std::string> seen;
     const auto add = [&](std::size_t e) {
@@ -59,10 +59,17 @@ Json confusable(const Cause& cause, const EffectTable& effects, const Confusabil
         list.push_back(id);
     };
     for (const std::size_t e : cause.entries) {
-        for (const std::size_t rival : table.rivals(e, calibration.confusable_overlap)) add(rival);
+        for (const std::size_t rival : d.confusability.rivals(e, calibration.confusable_overlap)) add(rival);
         for (std::size_t other = 0; other < effects.size(); ++other)
             if (effects[other].applicable() && std::string_view(effects[other].info.family) == effects[e].info.family)
                 add(other);
+    }
+    for (const Cause& other : d.verdict.causes) {
+        if (!cause.fit.usable || !other.fit.usable || other.entries.size() != cause.entries.size()) continue;
+        const double behind =
+            0.5 * calibration.nu * std::log(d.error_floor.above(other.misfit) / d.error_floor.above(cause.misfit));
+        if (behind < calibration.same_evidence)
+            for (const std::size_t e : other.entries) add(e);
     }
     return list;
 }
@@ -151,7 +158,7 @@ Json to_json(const Diagnosis& d, const EffectTable& effects, const TrajectoryMod
         json["causes"].push_back({{"effects", names(effects, cause.entries)},
                                   {"probability", cause.probability},
                                   {"parameters", parameters(cause, effects, model, calibration)},
-                                  {"confusable_with", confusable(cause, effects, d.confusability, calibration)},
+                                  {"confusable_with", confusable(cause, effects, d, calibration)},
                                   {"score", cause.score},
                                   {"explained", cause.explained}});
     }

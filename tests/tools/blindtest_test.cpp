@@ -290,6 +290,19 @@ TEST(Scoring, EqualsPenAndPaper) {
     EXPECT_EQ(s.effects.at("latency").top3.right, 0);
 }
 
+TEST(Scoring, AnAnswerMayDeclareTheRightCauseInseparable) {
+    const auto answer = [](const char* others) {
+        return gap_json(R"({"effects":["gravity"],"probability":0.9,"confusable_with":[)" + std::string(others) + "]}",
+                        0.1, 0.0);
+    };
+    const Summary s =
+        summarise(std::vector{result("contact", 2.0, answer(R"("pressure","contact")")),
+                              result("contact", 2.0, answer(R"("pressure")")), result("gravity", 2.0, answer(""))});
+    EXPECT_EQ(s.declared.right, 2);
+    EXPECT_EQ(s.declared.of, 3);
+    EXPECT_EQ(s.top1.right, 1);
+}
+
 // Of two causes one adds 0.1 mm to a floor of 0.35 mm: naming the other is right, naming what was not there is not.
 TEST(Scoring, OfTwoCausesOnlyTheVisibleOnesMustBeNamed) {
     std::vector<CaseResult> r;

@@ -80,6 +80,7 @@ std::string report_text(const Summary& s) {
                                            *std::max_element(floors.begin(), floors.end()))));
     line("top-1 / top-3, visible single causes", share(s.top1) + " / " + share(s.top3));
     line("right or within the family, visible", share(s.family));
+    line("right or declared inseparable from the answer, visible", share(s.declared));
     line("top-1 / top-3, all single causes", share(s.top1_all) + " / " + share(s.top3_all));
     line("sensor against mechanics, where a cause is named", share(s.kind));
     line("false alarms on controls", share(s.false_alarm));

@@ -52,6 +52,14 @@ std::optional<double> number(const Json& json, const char* key) {
     return found != json.end() && found->is_number() ? std::optional(found->get<double>()) : std::nullopt;
 }
 
+std::vector<std::string> words(const Json& json, const char* key) {
+    std::vector<std::string> list;
+    if (const auto found = json.find(key); found != json.end() && found->is_array())
+        for (const Json& word : *found)
+            if (word.is_string()) list.push_back(word.get<std::string>());
+    return list;
+}
+
 // Both the contract's file and our own result lines hold an answer in the contract's words.
 Json to_json(const Answer& a) {
     Json json{{"format", "teres-gap-1"},
@@ -62,6 +70,7 @@ Json to_json(const Answer& a) {
     json["where"]["onset_s"] = to_json(a.onset_s);
     for (const auto& [name, probability] : a.causes)
         json["causes"].push_back({{"effects", ids_of(name)}, {"probability", probability}});
+    if (!a.causes.empty()) json["causes"][0]["confusable_with"] = a.inseparable;
     json["unknown_probability"] = a.unknown;
     json["none_probability"] = a.none;
     if (a.shrinkage)
@@ -73,16 +82,17 @@ Result<Answer> answer_from(const Json& json, const std::string& name) {
     if (!json.is_object() || json.value("format", "") != "teres-gap-1")
         return invalid_input(name + ": not of format teres-gap-1");
     Answer answer;
-    double sum = 0.0;
+    double sum = 0.0, most = 0.0;
     if (const auto causes = json.find("causes"); causes != json.end() && causes->is_array())
         for (const Json& cause : *causes) {
-            std::vector<std::string> effects;
-            if (const auto list = cause.find("effects"); list != cause.end() && list->is_array())
-                for (const Json& id : *list)
-                    if (id.is_string()) effects.push_back(id.get<std::string>());
+            const auto effects = words(cause, "effects"), confusable = words(cause, "confusable_with");
             const auto probability = number(cause, "probability");
             if (effects.empty() || !probability)
                 return invalid_input(name + ": a cause without effects or probability");
+            if (answer.causes.empty() || *probability > most) {
+                most = *probability;
+                answer.inseparable = confusable;
+            }
             answer.causes.emplace_back(cause_name(effects), *probability);
             sum += *probability;
         }
@@ -167,6 +177,8 @@ void add_single(const CaseResult& r, const std::string& best, bool visible, Summ
     ++row.visible;
     for (auto* share : {&s.top1, &row.top1}) share->add(top1);
     for (auto* share : {&s.top3, &row.top3}) share->add(top3);
+    const auto& also = r.answer->inseparable;
+    s.declared.add(top1 || (is_cause(best) && std::count(also.begin(), also.end(), r.truth) != 0));
     for (auto* share : {&s.family, &row.family}) share->add(top1 || same_family(best, r.truth));
     if (is_cause(best)) s.kind.add(is_sensor(best) == is_sensor(r.truth));
     s.false_unknown.add(best == "unknown");

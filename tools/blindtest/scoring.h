@@ -22,6 +22,7 @@ std::string cause_name(std::vector<std::string> effects);
 /// What a diagnosis (teres-gap-1) answers.
 struct Answer {
     std::vector<std::pair<std::string, double>> causes;  ///< cause_name and probability, most probable first
+    std::vector<std::string> inseparable;                ///< declared so from the most probable cause
     double unknown = 0.0, none = 0.0;
     double gap_rms_mm = 0.0;
     std::optional<Point> center_m;
@@ -74,6 +75,7 @@ struct Summary {
     std::map<std::string, double> body_floor_mm;
     int failed = 0;
     Share top1, top3, family, kind;  ///< visible single causes; kind: sensor or not, of those where a cause is named
+    Share declared;                  ///< the same: right, or the answer says that the right one cannot be told from it
     Share top1_all, top3_all;
     Share invisible_none;                 ///< causes below the floor answered "none"
     Share false_alarm;                    ///< controls; `right` counts the alarms
