@@ -149,7 +149,8 @@ void add_blindtest_command(CLI::App& app, int& exit_code) {
     verb->add_option("stage", o.stage, "all, generate, diagnose, score or merge")
         ->check(CLI::IsMember({"all", "generate", "diagnose", "score", "merge"}))
         ->capture_default_str();
-    verb->add_option("files", o.files, "merge: results-*.jsonl of the shards")->type_name("FILE");
+    verb->add_option("files", o.files, "merge: results-*.jsonl of the shards, also of several seeds")
+        ->type_name("FILE");
     verb->add_option("--cases", o.plan.cases, "Cases with one cause or none")->capture_default_str();
     verb->add_option("--two-causes", o.plan.two_causes, "Cases with two causes, besides")->capture_default_str();
     verb->add_option("--effects", o.plan.effects, "Only these, separated by commas (`none`: a control)")

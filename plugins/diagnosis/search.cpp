@@ -26,12 +26,20 @@ bool may_have_threshold(const EffectEntry& entry) {
     return std::string_view(entry.info.kind) == "boundary";
 }
 
-// The same from where the effect acts at full size, if that is nearer than where first order leads.
-void refit_strongly(Problem& problem, const Fit& nominal, const EffectScreening& added, Cause& cause) {
+// A lasting force or another support: what a support that holds on one side only may look like.
+bool may_be_support(const EffectEntry& entry) {
+    return !entry.info.event && (may_have_threshold(entry) || std::string_view(entry.info.kind) == "load");
+}
+
+// The same from where the effect acts at full size, if that is nearer than where first order leads. `at_once`: only if
+// it explains something already before it is fitted.
+void refit_strongly(Problem& problem, const Fit& nominal, const EffectScreening& added, bool at_once, Cause& cause) {
     const auto best = best_strong_start(
         problem.simulator, problem.whitener, problem.recording.observed,
         strong_starts(problem.simulator.effects(), added, prior_median(problem.simulator.mechanics()).theta));
-    if (!best) return;
+    if (!best || (at_once && best->misfit >= nominal.misfit)) return;
+    Eigen::VectorXd trajectory;
+    if (!problem.simulator.simulate(best->at, trajectory)) return;  // the base of what follows
     Cause other = cause;
     other.fit = problem.fit(best->at, kIterations);
     if (!other.fit.usable || (cause.fit.usable && other.fit.cost >= cause.fit.cost)) return;
@@ -81,6 +89,15 @@ std::vector<std::size_t> worth_refitting(const Screening& screening, std::size_t
     return chosen;
 }
 
+// Adds what is worth refitting and not yet among `chosen`.
+void choose(const Screening& screening, std::size_t by_score, std::size_t by_share,
+            std::vector<EffectScreening>& chosen) {
+    for (const std::size_t k : worth_refitting(screening, by_score, by_share))
+        if (std::none_of(chosen.begin(), chosen.end(),
+                         [&](const auto& c) { return c.entry == screening.effects[k].entry; }))
+            chosen.push_back(screening.effects[k]);
+}
+
 // Where first order does not reach (a phase that runs away), each mechanical effect is fitted to the beginning (a
 // quarter, then half) and ranked by what it explains there; its values there are where its refit starts.
 Screening try_beginnings(Problem& problem, const Fit& base, const Cause* known, Screening screening) {
@@ -106,6 +123,45 @@ Screening try_beginnings(Problem& problem, const Fit& base, const Cause* known, 
     std::stable_sort(screening.effects.begin(), screening.effects.end(),
                      [](const auto& a, const auto& b) { return a.explained > b.explained; });
     return screening;
+}
+
+// Refits and scores what was chosen; rivals whose linear score is out of the best one's reach are left out.
+std::vector<Cause> fit_chosen(Problem& problem, const Fit& nominal, const Base* base,
+                              const std::vector<EffectScreening>& chosen) {
+    const Cause* known = base != nullptr ? &base->known : nullptr;
+    const std::size_t always = known == nullptr ? 2 : 1;
+    const int iterations = known == nullptr ? kIterations : kFurtherIterations;
+    const auto report =
+        stage(problem.options, known == nullptr ? "fitting the best effects" : "fitting further effects");
+    std::vector<Cause> causes;
+    const auto settled = [&](const EffectScreening& next) {
+        const auto best = std::max_element(causes.begin(), causes.end(),
+                                           [](const Cause& a, const Cause& b) { return a.score < b.score; });
+        const double lead = best->score - (known != nullptr ? known->score : 0.0) - next.score;
+        return lead > 2.0 * kOutOfReach || (lead > kOutOfReach && best->fit.cost < problem.floor.total());
+    };
+    for (std::size_t k = 0; k < chosen.size(); ++k) {
+        if (causes.size() >= always && settled(chosen[k])) continue;
+        const WithinReach reach(problem, nominal, causes,
+                                (known != nullptr ? known->search_cost : 0.0) + chosen[k].search_cost);
+        causes.push_back(refit(problem, nominal, known, chosen[k], iterations));
+        score(problem, nominal, base, causes.back());
+        report(static_cast<double>(k + 1) / static_cast<double>(chosen.size()));
+    }
+    return causes;
+}
+
+// Effects that were not fitted, with their linear score.
+void add_screened(const Screening& screening, std::vector<Cause>& causes) {
+    for (const EffectScreening& effect : screening.effects) {
+        if (std::any_of(causes.begin(), causes.end(), [&](const Cause& c) { return c.entries[0] == effect.entry; }))
+            continue;
+        Cause cause;
+        cause.entries = {effect.entry};
+        cause.score = effect.score;
+        cause.explained = effect.explained;
+        causes.push_back(std::move(cause));
+    }
 }
 
 // A place is found by descent, which ends in the nearest hollow: the best answer starts from other places as well.
@@ -172,46 +228,15 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base
         return screen(problem.simulator, all, whitener, problem.floor, from, options.calibration, num_frames);
     };
     screening = screen_first(frames);
-    std::vector<Cause> causes;
     std::vector<EffectScreening> chosen;
-    const auto choose = [&](const Screening& screened, std::size_t by_score, std::size_t by_share) {
-        for (const std::size_t k : worth_refitting(screened, by_score, by_share))
-            if (std::none_of(chosen.begin(), chosen.end(),
-                             [&](const auto& c) { return c.entry == screened.effects[k].entry; }))
-                chosen.push_back(screened.effects[k]);
-    };
     if (problem.simulator.mechanics().dynamic())
-        choose(try_beginnings(problem, from, known, screen_first(frames / 4)), 3, 1);
+        choose(try_beginnings(problem, from, known, screen_first(frames / 4)), 3, 1, chosen);
     if (known == nullptr)
-        choose(screening, static_cast<std::size_t>(options.num_refits) - 2, 2);
+        choose(screening, static_cast<std::size_t>(options.num_refits) - 2, 2, chosen);
     else
-        choose(screening, 2, 1);
-    const auto settled = [&](std::size_t next) {  // rivals from `next` on are out of the best one's reach
-        const auto best = std::max_element(causes.begin(), causes.end(),
-                                           [](const Cause& a, const Cause& b) { return a.score < b.score; });
-        const double lead = best->score - (known != nullptr ? known->score : 0.0) - chosen[next].score;
-        return lead > 2.0 * kOutOfReach || (lead > kOutOfReach && best->fit.cost < problem.floor.total());
-    };
-    for (std::size_t k = 0; k < chosen.size(); ++k) {
-        if (causes.size() >= (known == nullptr ? 2u : 1u) && settled(k)) continue;
-        const WithinReach reach(problem, nominal, causes,
-                                (known != nullptr ? known->search_cost : 0.0) + chosen[k].search_cost);
-        causes.push_back(
-            refit(problem, nominal, known, chosen[k], known == nullptr ? kIterations : kFurtherIterations));
-        score(problem, nominal, base, causes.back());
-        stage(options, known == nullptr ? "fitting the best effects" : "fitting further effects")(
-            static_cast<double>(k + 1) / static_cast<double>(chosen.size()));
-    }
-    for (std::size_t k = 0; known == nullptr && k < screening.effects.size(); ++k)
-        if (std::none_of(causes.begin(), causes.end(), [&](const Cause& c) {
-                return c.entries[0] == screening.effects[k].entry;
-            })) {  // screened only: its linear score stands
-            Cause cause;
-            cause.entries = {screening.effects[k].entry};
-            cause.score = screening.effects[k].score;
-            cause.explained = screening.effects[k].explained;
-            causes.push_back(std::move(cause));
-        }
+        choose(screening, 2, 1, chosen);
+    std::vector<Cause> causes = fit_chosen(problem, nominal, base, chosen);
+    if (known == nullptr) add_screened(screening, causes);
     finish(problem, nominal, base, screening, causes);
     return causes;
 }
@@ -220,7 +245,9 @@ bool look_again(Problem& problem, const Fit& nominal, const Screening& screening
     const std::vector<std::size_t> told = convincing(problem, nominal, causes);
     const bool enough = std::any_of(causes.begin(), causes.end(),
                                     [](const Cause& c) { return c.entries.size() == 1 && explains_most(c); });
-    if (told.size() == 1 || (told.empty() && enough)) return false;
+    if (told.empty() && enough) return false;
+    const bool offset = told.size() == 1 && may_be_support(problem.simulator.effects()[told.front()]);
+    if (told.size() == 1 && !offset) return false;
     const double best_before = causes.front().score;
     const auto report = stage(problem.options, "looking again");
     if (told.empty()) {
@@ -239,16 +266,25 @@ bool look_again(Problem& problem, const Fit& nominal, const Screening& screening
         }
     }
     const auto in_question = [&](std::size_t entry) {
-        return may_have_threshold(problem.simulator.effects()[entry]) &&
-               (told.empty() || std::find(told.begin(), told.end(), entry) != told.end());
+        const EffectEntry& effect = problem.simulator.effects()[entry];
+        const bool fitted = fitted_alone(causes, entry) != nullptr;
+        if (!may_have_threshold(effect)) return false;
+        if (offset) return !fitted && !effect.info.event;
+        return fitted && (told.empty() || std::find(told.begin(), told.end(), entry) != told.end());
     };
     for (std::size_t k = 0; k < screening.effects.size() && !problem.simulator.mechanics().dynamic(); ++k) {
         const EffectScreening& effect = screening.effects[k];
-        const Cause* alone = fitted_alone(causes, effect.entry);
-        if (alone != nullptr && in_question(effect.entry)) {
-            Cause strong = *alone;
+        if (in_question(effect.entry)) {
+            const Cause* alone = fitted_alone(causes, effect.entry);
+            Cause strong;
+            if (alone != nullptr) {
+                strong = *alone;
+            } else {
+                strong.entries = {effect.entry};
+                strong.search_cost = effect.search_cost;
+            }
             const WithinReach reach(problem, nominal, causes, effect.search_cost);
-            refit_strongly(problem, nominal, effect, strong);
+            refit_strongly(problem, nominal, effect, offset, strong);
             keep_better(causes, std::move(strong));
         }
         report(0.5 + 0.5 * static_cast<double>(k + 1) / static_cast<double>(screening.effects.size()));

@@ -6,6 +6,11 @@
 namespace teres {
 namespace {
 
+// Evidence of what leaves `cost`, before its price [nats].
+double gain(double cost_null, double cost, const ErrorFloor& floor, const Calibration& calibration) {
+    return -0.5 * calibration.nu * std::log(floor.above(cost) / floor.above(cost_null));
+}
+
 // Cost that an effect nobody thought of would leave.
 double unexplained(double cost_null, const ErrorFloor& floor, const Calibration& calibration) {
     const double reached = std::min(floor.total(), cost_null);
@@ -61,8 +66,27 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
         occam_price(calibration.nu / floor.above(std::min(fit.cost, floor.total())) * S, cause.entries.size()),
         cause.search_cost, calibration.further_effect * static_cast<double>(cause.entries.size() - 1)};
     cause.misfit = misfit_of(fit, theta);
-    return -0.5 * calibration.nu * std::log(floor.above(cause.misfit) / floor.above(nominal.cost)) -
-           cause.price.total();
+    return gain(nominal.cost, cause.misfit, floor, calibration) - cause.price.total();
+}
+
+ErrorFloor tighten(const Fit& nominal, std::vector<Cause>& causes, const EffectTable& effects, const ErrorFloor& floor,
+                   const Calibration& calibration) {
+    double least = nominal.cost;
+    for (const Cause& cause : causes)
+        if (cause.fit.usable && cause.entries.size() == 1)  // what is called scatter is left as well
+            least = std::min(least, std::max(cause.misfit, cause.fit.residual.squaredNorm()));
+    ErrorFloor tight = floor;
+    tight.model = std::min(floor.model, floor.any_body + std::max(0.0, least - floor.noise));
+    for (Cause& cause : causes) {
+        if (cause.fit.usable) {
+            const double before = refit_score(nominal, cause, effects, floor, calibration);
+            cause.score += refit_score(nominal, cause, effects, tight, calibration) - before;
+        } else {
+            const double rest = (1.0 - cause.explained) * nominal.cost;
+            cause.score += gain(nominal.cost, rest, tight, calibration) - gain(nominal.cost, rest, floor, calibration);
+        }
+    }
+    return tight;
 }
 
 double explained_share(double cost_null, double cost, const ErrorFloor& floor) {
@@ -71,16 +95,15 @@ double explained_share(double cost_null, double cost, const ErrorFloor& floor) {
 }
 
 double unknown_gain(double cost_null, const ErrorFloor& floor, const Calibration& calibration) {
-    return -0.5 * calibration.nu *
-           std::log(floor.above(unexplained(cost_null, floor, calibration)) / floor.above(cost_null));
+    return gain(cost_null, unexplained(cost_null, floor, calibration), floor, calibration);
 }
 
 Verdict judge(std::vector<Cause> causes, double cost_null, const ErrorFloor& floor, const Calibration& calibration) {
     Verdict verdict;
     const double rest = unexplained(cost_null, floor, calibration);
-    const double gain = unknown_gain(cost_null, floor, calibration);
+    const double beyond = unknown_gain(cost_null, floor, calibration);
     const double unknown =
-        visible_evidence(gain - std::max(calibration.unknown_price, price_of_rival(causes, rest, calibration)));
+        visible_evidence(beyond - std::max(calibration.unknown_price, price_of_rival(causes, rest, calibration)));
 
     // Which cause, if there is one.
     double top = unknown;
@@ -88,7 +111,7 @@ Verdict judge(std::vector<Cause> causes, double cost_null, const ErrorFloor& flo
     double sum = std::exp(unknown - top);
     for (const Cause& cause : causes) sum += std::exp(visible_evidence(cause.score) - top);
     // Whether there is one.
-    const double something = std::max(top + std::log(sum), gain - calibration.unknown_price);
+    const double something = std::max(top + std::log(sum), beyond - calibration.unknown_price);
     verdict.none_probability = 1.0 / (1.0 + std::exp(something - calibration.none_bonus));
     verdict.unknown_probability = (1.0 - verdict.none_probability) * std::exp(unknown - top) / sum;
     for (Cause& cause : causes)

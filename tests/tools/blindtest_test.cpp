@@ -413,6 +413,8 @@ TEST_F(SmallCases, AreTheSameForTheSameSeedAndSealed) {
     EXPECT_EQ(sealed.exit_code, 0) << sealed.error;
     EXPECT_THAT(sealed.output, ::testing::HasSubstr("holds"));
     EXPECT_THAT(sealed.output, ::testing::HasSubstr("| diagnosis failed | 2 |"));  // nobody has diagnosed yet
+    EXPECT_THAT(*read_text_file(one.path() / "results-0-of-1.jsonl"),
+                ::testing::HasSubstr("\"body\":\"11/0 "));  // so that results of several seeds merge
     std::ofstream(one.path() / "sealed/c0001/label.json", std::ios::app) << " ";
     const test::Run broken = test::run_teres(score);
     EXPECT_EQ(broken.exit_code, 1);

@@ -38,7 +38,7 @@ Result<Answer> parse_answer(std::string_view json, const std::string& name);
 struct CaseResult {
     std::string name;
     std::string truth;  ///< cause_name; "none" for controls
-    std::string body;   ///< patient, supports and kind of recording: cases of one body share its control's floor
+    std::string body;   ///< seed, patient, supports and kind of recording: cases of one body share its control's floor
     bool located = false;
     double gap_nominal_mm = 0.0;                ///< what the ligament's unknowns cannot explain, from the truth
     std::map<std::string, double> gap_of_mm{};  ///< the same of each effect of several: what it adds to those before it

@@ -1,6 +1,7 @@
 #include "tools/blindtest/trials.h"
 
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <spawn.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
@@ -134,8 +135,9 @@ Result<std::optional<CaseResult>> score_case(const CaseSpec& spec, const fs::pat
         if (effect.contains("gap_mm")) r.gap_of_mm[ids.back()] = effect.value("gap_mm", 0.0);
     }
     r.truth = cause_name(ids);
-    r.body = std::to_string(label.value("draw", 0)) + (label.value("clamped", false) ? " clamped" : " free") +
-             (label.value("dynamic", false) ? ", dynamic" : "");
+    r.body = fmt::format("{}/{} {}{}", label.value("seed", std::uint64_t{0}), label.value("draw", 0),
+                         label.value("clamped", false) ? "clamped" : "free",
+                         label.value("dynamic", false) ? ", dynamic" : "");
     r.gap_nominal_mm = label["gap_mm"].value("nominal", 0.0);
     r.noise_mm = 1e3 * std::sqrt(3.0) * c.sensor.noise_sigma_m;
     r.answer = read_answer(answer_file(out, spec, ".json"));
