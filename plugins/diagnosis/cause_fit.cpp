@@ -23,7 +23,8 @@ bool mechanical(const Problem& problem, const Cause& cause) {
 
 double misfit_under(const Problem& problem, const Whitener& whitener, const Fit& fit, Eigen::Index nominal_parameters) {
     const double noise = problem.simulator.noise_factor(fit.at);
-    return (whitener(problem.residual_of(fit)).squaredNorm() + fit.u.head(nominal_parameters).squaredNorm()) /
+    return (whitener(problem.residual_of(fit)).squaredNorm() + fit.u.head(nominal_parameters).squaredNorm() +
+            fit.later) /
            (noise * noise);
 }
 
@@ -81,6 +82,7 @@ Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const Effe
         if (again.usable && again.cost < cause.fit.cost) cause.fit = std::move(again);
     }
     take_noise(problem, cause.fit);
+    problem.look_ahead(cause.fit);
     return cause;
 }
 
@@ -88,7 +90,7 @@ double form_error(const Problem& problem, const Fit& nominal, const Cause& known
     const Calibration& c = problem.options.calibration;
     return mechanical(problem, known)
                ? (problem.simulator.mechanics().dynamic() ? c.form_error_dynamic : c.form_error) *
-                     std::max(0.0, nominal.cost - known.fit.cost)
+                     std::max(0.0, nominal.compared_cost() - known.fit.compared_cost())
                : 0.0;
 }
 
@@ -99,7 +101,7 @@ void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause)
     }
     const ErrorFloor& floor = problem.floor;
     cause.score = refit_score(nominal, cause, problem.simulator.effects(), floor, problem.options.calibration);
-    cause.explained = explained_share(nominal.cost, cause.fit.cost, floor);
+    cause.explained = explained_share(nominal.compared_cost(), cause.fit.compared_cost(), floor);
     if (base == nullptr) return;
     // A further effect is worth what it gains beside looser forms of the known ones. What even both leave is an error
     // of form that the known ones alone have too.

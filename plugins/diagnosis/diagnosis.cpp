@@ -28,11 +28,11 @@ struct Forecast {
     bool beginning_fitted = false;  // else fits of this recording know their trajectories
     std::vector<std::pair<Assumption, Eigen::VectorXd>> known{};
 
-    static Result<Forecast> make(const GapRecording& from, const EffectTable& effects) {
+    static Result<Forecast> make(const GapRecording& from, const EffectTable& effects, std::size_t first_held) {
         const GapRecording all = whole_of(from);
         TERES_TRY_ASSIGN(Recording recording, make_recording(all));
         const bool beginning = from.whole_mechanics != nullptr;
-        if (beginning) recording.hold_out_frames(from.mechanics->num_frames());
+        if (beginning) recording.hold_out_frames(first_held);
         return Forecast{std::move(recording), Simulator(*all.mechanics, all.sensors, effects), beginning};
     }
     const Eigen::VectorXd* find(const Assumption& at) const {
@@ -71,7 +71,8 @@ Result<std::vector<Transfer>> transfer(Problem& here, Forecast& forecast_here, c
     for (std::size_t k = 1; k < recordings.size(); ++k) {
         stage(here.options,
               "other recordings")(static_cast<double>(k - 1) / static_cast<double>(recordings.size() - 1));
-        TERES_TRY_ASSIGN(Forecast forecast_there, Forecast::make(recordings[k], effects));
+        TERES_TRY_ASSIGN(Forecast forecast_there,
+                         Forecast::make(recordings[k], effects, recordings[k].mechanics->num_frames()));
         TERES_TRY_ASSIGN(Recording other, make_recording(recordings[k]));
         out.push_back(
             {name, other.name, forecast_there.rms_m(nominal.at), forecast_there.rms_m(lasting(effects, named.at))});
@@ -156,6 +157,9 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     TERES_TRY_ASSIGN(Discrepancy discrepancy,
                      discrepancy_of(simulator, options.cache, recordings[0].body_hash, stage(options, "model error")));
     Problem problem{simulator, out.recording, options, std::move(discrepancy), {}};
+    TERES_TRY_ASSIGN(const std::unique_ptr<Outlook> outlook,
+                     Outlook::make(recordings[0], effects, options.calibration));
+    problem.outlook = outlook.get();
 
     // What the nominal model can explain, and whether anything is left.
     stage(options, "nominal fit")(0.0);
@@ -166,7 +170,7 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     // One effect; then, as long as it pays, one more on top of the best; then what first order may have overlooked.
     std::vector<Cause> causes = search(problem, out.nominal, nullptr, out.screening);
     out.confusability = confusability(out.screening, out.nominal.J);
-    const bool something = unknown_gain(out.nominal.cost, problem.floor, options.calibration) >
+    const bool something = unknown_gain(out.nominal.compared_cost(), problem.floor, options.calibration) >
                            options.calibration.unknown_price + options.calibration.none_bonus;
     const auto add_more = [&] {
         for (int count = 2; something && count <= options.max_effects; ++count)
@@ -179,7 +183,7 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
             add_more();
     }
     problem.floor = tighten(out.nominal, causes, effects, problem.floor, options.calibration);
-    out.verdict = judge(std::move(causes), out.nominal.cost, problem.floor, options.calibration);
+    out.verdict = judge(std::move(causes), out.nominal.compared_cost(), problem.floor, options.calibration);
     out.significant = out.verdict.none_probability < 0.5;
 
     // Where it lies, how far it closes on what was held out, whether it carries over.
@@ -192,7 +196,9 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     out.where = locate(simulator, problem.whitener, out.recording, out.nominal, out.significant ? named : nullptr,
                        out.significant);
     stage(options, "held-out data")(0.0);
-    TERES_TRY_ASSIGN(Forecast forecast, Forecast::make(recordings[0], effects));
+    TERES_TRY_ASSIGN(
+        Forecast forecast,
+        Forecast::make(recordings[0], effects, outlook != nullptr ? outlook->end_frame() : out.recording.num_frames));
     if (!forecast.beginning_fitted) forecast.recording = out.recording;
     simulator.simulate(best.at, out.after, forecast.beginning_fitted ? nullptr : &out.points_m, &out.nodes_after_m);
     if (named != nullptr && out.significant) place_by_forces(simulator, *named, out.where);

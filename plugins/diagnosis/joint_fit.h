@@ -32,7 +32,11 @@ struct Fit {
     Eigen::MatrixXd J;           ///< W dh/du
     double cost = 0.0;           ///< |residual|^2 + |u|^2 over nominal parameters + |u|^2 over effect parameters
     double misfit = 0.0;         ///< |residual|^2
+    double later = 0.0;          ///< what it leaves beyond the fitted frames (Outlook), 0: nothing is known of them
     bool usable = false;         ///< the simulation converged
+
+    /// By which hypotheses are compared.
+    double compared_cost() const { return cost + later; }
 
     /// Standard deviations of the scaled coordinates when the data count `tempering` times.
     Eigen::VectorXd stdev(double tempering) const;

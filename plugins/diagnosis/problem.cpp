@@ -68,6 +68,7 @@ Fit nominal_fit(Problem& problem) {
     problem.complete(fit);          // the frames between follow from a whole trajectory nearby
     fit = problem.fit(fit.at, 10);  // without weights: causes are compared with the best that the nominal model can do
     problem.complete(fit);
+    problem.look_ahead(fit);
     problem.floor = error_floor(problem.whitener, problem.discrepancy, fit.J, problem.recording.noise_m,
                                 problem.options.calibration);
     return fit;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "plugins/diagnosis/diagnosis.h"
+#include "plugins/diagnosis/outlook.h"
 
 namespace teres {
 
@@ -27,6 +28,7 @@ struct Problem {
     Discrepancy discrepancy;
     Whitener whitener;
     ErrorFloor floor{};
+    Outlook* outlook = nullptr;  ///< null: nothing beyond the fitted frames
 
     double out_of_reach = std::numeric_limits<double>::infinity();  ///< FitOptions, of every fit
 
@@ -41,6 +43,10 @@ struct Problem {
     Eigen::VectorXd residual_of(const Fit& fit) const {
         const Eigen::VectorXd difference = recording.observed - fit.trajectory;
         return difference.array().isFinite().select(difference, 0.0);
+    }
+    /// Fills what a fit leaves beyond the fitted frames.
+    void look_ahead(Fit& fit) {
+        if (outlook != nullptr && fit.usable) fit.later = outlook->later(fit.at, fit.misfit, recording.fit_rows.size());
     }
     /// Every frame simulated, exact derivatives: the base of a search.
     void complete(Fit& fit) { teres::complete(simulator, whitener, recording.observed, fit); }

@@ -54,6 +54,7 @@ class WithinReach {
   public:
     WithinReach(Problem& problem, const Fit& nominal, const std::vector<Cause>& causes, double search_cost)
         : problem_(problem) {
+        if (problem.outlook != nullptr) return;  // what a fit will leave later is not known before
         double best = 0.0;
         for (const Cause& cause : causes) best = std::max(best, cause.score);
         const double gain = best - kOutOfReach + search_cost;
@@ -138,7 +139,7 @@ std::vector<Cause> fit_chosen(Problem& problem, const Fit& nominal, const Base* 
         const auto best = std::max_element(causes.begin(), causes.end(),
                                            [](const Cause& a, const Cause& b) { return a.score < b.score; });
         const double lead = best->score - (known != nullptr ? known->score : 0.0) - next.score;
-        return lead > 2.0 * kOutOfReach || (lead > kOutOfReach && best->fit.cost < problem.floor.total());
+        return lead > 2.0 * kOutOfReach || (lead > kOutOfReach && best->fit.compared_cost() < problem.floor.total());
     };
     for (std::size_t k = 0; k < chosen.size(); ++k) {
         if (causes.size() >= always && settled(chosen[k])) continue;
@@ -195,6 +196,7 @@ void finish(Problem& problem, const Fit& nominal, const Base* base, const Screen
         if (better.usable && better.misfit < causes[k].fit.residual.squaredNorm()) {
             causes[k].fit = std::move(better);
             take_noise(problem, causes[k].fit);
+            problem.look_ahead(causes[k].fit);
         }
         score(problem, nominal, base, causes[k]);
     }
@@ -207,7 +209,7 @@ bool explains_most(const Cause& cause) {
 
 // The effects that would be named, if they explain nearly everything; else none.
 std::vector<std::size_t> convincing(const Problem& problem, const Fit& nominal, const std::vector<Cause>& causes) {
-    const Verdict verdict = judge(causes, nominal.cost, problem.floor, problem.options.calibration);
+    const Verdict verdict = judge(causes, nominal.compared_cost(), problem.floor, problem.options.calibration);
     const Cause& top = verdict.causes.front();
     const bool named = top.probability > std::max(verdict.none_probability, verdict.unknown_probability);
     return named && explains_most(top) ? top.entries : std::vector<std::size_t>{};

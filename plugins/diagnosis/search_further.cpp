@@ -7,6 +7,7 @@ namespace teres {
 namespace {
 
 constexpr int kIterations = 6;
+constexpr double kRunnerUp = 15.0;  // nats behind the best single effect
 constexpr double kFormShare = 0.2;  // standard deviation of a form, share of the effect's motion
 
 // The whitener in use, with columns for what the known effects may get wrong of their form.
@@ -27,20 +28,55 @@ std::vector<Cause> search_on_top(Problem& problem, const Fit& nominal, const Cau
     if (!base.fit.usable) return {};
     base.misfit = misfit_under(problem, base.looser, base.fit, nominal.u.size());
     const double noise = problem.simulator.noise_factor(known.fit.at);
-    if (base.fit.cost / (noise * noise) < problem.floor.total() + form_error(problem, nominal, known)) return {};
+    if (base.fit.compared_cost() / (noise * noise) < problem.floor.total() + form_error(problem, nominal, known))
+        return {};
     Screening screening;
     return search(problem, nominal, &base, screening);
 }
 
-// The last effect of a larger cause as a cause of its own.
-Cause added_alone(Problem& problem, const Fit& nominal, const Cause& larger, double search_cost_before) {
-    EffectScreening added;
-    added.entry = larger.entries.back();
-    added.start = larger.fit.at.effects.back();
-    added.search_cost = larger.search_cost - search_cost_before;
-    Cause alone = refit(problem, nominal, nullptr, added, kIterations);
-    score(problem, nominal, nullptr, alone);
-    return alone;
+// A larger cause without its first effect, which was named when nothing was known of the others.
+Cause without_first(Problem& problem, const Fit& nominal, const Cause& larger, const std::vector<Cause>& causes) {
+    const Cause* first = fitted_alone(causes, larger.entries.front());
+    const double search_cost = larger.search_cost - (first != nullptr ? first->search_cost : 0.0);
+    if (larger.entries.size() == 2) {
+        if (const Cause* fitted = fitted_alone(causes, larger.entries.back())) return *fitted;
+        EffectScreening added;
+        added.entry = larger.entries.back();
+        added.start = larger.fit.at.effects.back();
+        added.search_cost = search_cost;
+        Cause alone = refit(problem, nominal, nullptr, added, kIterations);
+        score(problem, nominal, nullptr, alone);
+        return alone;
+    }
+    Cause rest;
+    rest.entries.assign(larger.entries.begin() + 1, larger.entries.end());
+    rest.search_cost = search_cost;
+    const Assumption start{larger.fit.at.theta, {larger.fit.at.effects.begin() + 1, larger.fit.at.effects.end()}};
+    rest.fit = problem.fit(start, kIterations);
+    problem.look_ahead(rest.fit);
+    score(problem, nominal, nullptr, rest);
+    return rest;
+}
+
+bool suffices(const Problem& problem, const Cause& cause) {
+    return cause.fit.usable && cause.fit.compared_cost() < problem.floor.total();
+}
+
+// Whether something else may stand for the first effect. With inertia a body that is loaded otherwise than the model
+// moves quite differently, so that what is named first may stand for the sum of several even if all together suffice.
+bool may_exchange(const Problem& problem, const Cause& best) {
+    return problem.simulator.mechanics().dynamic() ? best.entries.size() > 2
+                                                   : best.entries.size() == 2 && !suffices(problem, best);
+}
+
+// The single effect next to the best one, or null.
+const Cause* runner_up(const std::vector<Cause>& causes, const Cause& best) {
+    const Cause* next = nullptr;
+    for (const Cause& cause : causes)
+        if (cause.fit.usable && cause.entries.size() == 1 && cause.entries != best.entries &&
+            cause.score > best.score - kRunnerUp && (next == nullptr || cause.score > next->score))
+            next = &cause;
+    return next;
 }
 
 }  // namespace
@@ -57,16 +93,18 @@ bool search_further(Problem& problem, const Fit& nominal, std::vector<Cause>& ca
         for (Cause& cause : larger) keep_better(causes, std::move(cause));
     };
     std::vector<Cause> larger = search_on_top(problem, nominal, base);
+    const bool done = !larger.empty() && suffices(problem, larger.front());
+    if (const Cause* next = runner_up(causes, base);
+        problem.simulator.mechanics().dynamic() && base.entries.size() == 1 && !done && next != nullptr)
+        add(search_on_top(problem, nominal, Cause(*next)));
     if (!larger.empty() && larger.front().fit.usable) {
         const Cause best = larger.front();
         add(std::move(larger));
-        const bool enough = best.fit.cost < problem.floor.total();
-        if (base.entries.size() == 1 && !enough && !problem.simulator.mechanics().dynamic()) {  // the exchange
-            const Cause* fitted = fitted_alone(causes, best.entries.back());
-            const Cause alone = fitted != nullptr ? *fitted : added_alone(problem, nominal, best, base.search_cost);
-            if (alone.fit.usable) {
-                add(search_on_top(problem, nominal, alone));
-                keep_better(causes, alone);
+        if (may_exchange(problem, best)) {
+            const Cause rest = without_first(problem, nominal, best, causes);
+            if (rest.fit.usable) {
+                add(search_on_top(problem, nominal, rest));
+                keep_better(causes, rest);
             }
         }
     }

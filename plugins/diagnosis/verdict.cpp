@@ -43,7 +43,7 @@ double visible_evidence(double score) {
 }  // namespace
 
 double misfit_of(const Fit& fit, Eigen::Index nominal_parameters) {
-    return fit.cost - fit.u.tail(fit.u.size() - nominal_parameters).squaredNorm();
+    return fit.compared_cost() - fit.u.tail(fit.u.size() - nominal_parameters).squaredNorm();
 }
 
 double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects, const ErrorFloor& floor,
@@ -66,15 +66,15 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
         occam_price(calibration.nu / floor.above(std::min(fit.cost, floor.total())) * S, cause.entries.size()),
         cause.search_cost, calibration.further_effect * static_cast<double>(cause.entries.size() - 1)};
     cause.misfit = misfit_of(fit, theta);
-    return gain(nominal.cost, cause.misfit, floor, calibration) - cause.price.total();
+    return gain(nominal.compared_cost(), cause.misfit, floor, calibration) - cause.price.total();
 }
 
 ErrorFloor tighten(const Fit& nominal, std::vector<Cause>& causes, const EffectTable& effects, const ErrorFloor& floor,
                    const Calibration& calibration) {
-    double least = nominal.cost;
+    double least = nominal.compared_cost();
     for (const Cause& cause : causes)
         if (cause.fit.usable && cause.entries.size() == 1)  // what is called scatter is left as well
-            least = std::min(least, std::max(cause.misfit, cause.fit.residual.squaredNorm()));
+            least = std::min(least, std::max(cause.misfit, cause.fit.residual.squaredNorm() + cause.fit.later));
     ErrorFloor tight = floor;
     tight.model = std::min(floor.model, floor.any_body + std::max(0.0, least - floor.noise));
     for (Cause& cause : causes) {
@@ -82,8 +82,9 @@ ErrorFloor tighten(const Fit& nominal, std::vector<Cause>& causes, const EffectT
             const double before = refit_score(nominal, cause, effects, floor, calibration);
             cause.score += refit_score(nominal, cause, effects, tight, calibration) - before;
         } else {
-            const double rest = (1.0 - cause.explained) * nominal.cost;
-            cause.score += gain(nominal.cost, rest, tight, calibration) - gain(nominal.cost, rest, floor, calibration);
+            const double rest = (1.0 - cause.explained) * nominal.compared_cost();
+            cause.score += gain(nominal.compared_cost(), rest, tight, calibration) -
+                           gain(nominal.compared_cost(), rest, floor, calibration);
         }
     }
     return tight;

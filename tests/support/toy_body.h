@@ -74,13 +74,14 @@ class ToyBody final : public TrajectoryModel {
 
     bool known_supports = false;  ///< k = (38, 70): nothing nominal is unknown
     bool inertia = false;         ///< says that it is dynamic
+    std::size_t frames = kToyFrames;
 
     bool dynamic() const noexcept override { return inertia; }
     std::size_t num_parameters() const noexcept override { return known_supports ? 0 : 2; }
     NominalParameter parameter(std::size_t i) const noexcept override {
         return {i == 0 ? "support.0" : "support.1", "N/m", std::log(50.0), 0.5, 1.0, 1e4};
     }
-    std::size_t num_frames() const noexcept override { return kToyFrames; }
+    std::size_t num_frames() const noexcept override { return frames; }
     double time_s(std::size_t f) const noexcept override { return kToyDt * static_cast<double>(f); }
     std::size_t num_markers() const noexcept override { return kToyMarkers; }
     std::int32_t marker_id(std::size_t m) const noexcept override { return static_cast<std::int32_t>(10 + m); }
@@ -117,8 +118,8 @@ class ToyBody final : public TrajectoryModel {
                                                           Eigen::Vector3d(0.1, 0.08, 0)};
         static const std::array<Eigen::Vector3d, 2> direction{Eigen::Vector3d(0.2, 0.1, -1),
                                                               Eigen::Vector3d(-0.5, 0.6, -0.7)};
-        std::vector<double> out(3 * kToyMarkers * kToyFrames);
-        for (std::size_t f = 0; f < kToyFrames; ++f)
+        std::vector<double> out(3 * kToyMarkers * frames);
+        for (std::size_t f = 0; f < frames; ++f)
             for (std::size_t m = 0; m < kToyMarkers; ++m) {
                 const double t = time_s(f);
                 const Eigen::Vector3d x = toy_marker(m);
@@ -151,8 +152,8 @@ class ToyBody final : public TrajectoryModel {
         std::copy(base_.begin(), base_.end(), markers.begin());
         if (!nodes.empty()) std::copy(base_.begin(), base_.end(), nodes.begin());
         for (std::size_t k = 0; k < points.size(); ++k) points[k] = base_[k / 3 * 3 * kToyMarkers + k % 3];
-        const auto frames = static_cast<std::int32_t>(kToyFrames);
-        return {frames, converges ? frames : 0, 0.0};
+        const auto all = static_cast<std::int32_t>(frames);
+        return {all, converges ? all : 0, 0.0};
     }
     bool first_order(std::span<const Hypothesis> others, std::span<double> markers,
                      std::span<double>) noexcept override {
@@ -165,7 +166,7 @@ class ToyBody final : public TrajectoryModel {
     }
     bool marker_compliance(std::int32_t node, std::span<double> out) const noexcept override {
         const Eigen::Vector3d at = toy_marker(static_cast<std::size_t>(node));
-        for (std::size_t row = 0; row < 3 * kToyMarkers * kToyFrames; ++row)
+        for (std::size_t row = 0; row < 3 * kToyMarkers * frames; ++row)
             for (std::size_t b = 0; b < 3; ++b) {
                 const Eigen::Vector3d x = toy_marker(row / 3 % kToyMarkers);
                 const double near = std::exp(-(x - at).head<2>().squaredNorm() / (kToyWidth * kToyWidth));

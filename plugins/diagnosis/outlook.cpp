@@ -1,0 +1,53 @@
+#include "plugins/diagnosis/outlook.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace teres {
+namespace {
+
+constexpr double kLost = 1e6;  // cost per number of a model whose trajectory cannot be followed so far
+
+}  // namespace
+
+Result<std::unique_ptr<Outlook>> Outlook::make(const GapRecording& from, const EffectTable& effects,
+                                               const Calibration& calibration) {
+    if (from.whole_mechanics == nullptr) return std::unique_ptr<Outlook>();
+    GapRecording whole = from;
+    whole.mechanics = from.whole_mechanics;
+    whole.sensors = from.whole_sensors;
+    whole.observed_m = from.whole_observed_m;
+    TERES_TRY_ASSIGN(Recording recording, make_recording(whole));
+    const std::size_t first = from.mechanics->num_frames(), all = recording.num_frames;
+    const std::size_t end = first + std::min(first, (all - first) / 2);
+    if (end == first) return std::unique_ptr<Outlook>();
+    return std::unique_ptr<Outlook>(new Outlook(
+        std::move(recording), Simulator(*whole.mechanics, whole.sensors, effects), first, end, calibration));
+}
+
+double Outlook::later(const Assumption& at, double misfit, std::size_t num_fitted) {
+    Eigen::VectorXd motion;
+    simulator_.set_horizon(end_);
+    const bool followed = simulator_.simulate(at, motion);
+    simulator_.set_horizon(0);
+    const auto channels = static_cast<Eigen::Index>(3 * recording_.num_markers);
+    double sum = 0.0;
+    std::size_t count = 0;
+    for (Eigen::Index row = channels * static_cast<Eigen::Index>(first_);
+         row < channels * static_cast<Eigen::Index>(end_); ++row) {
+        if (!std::isfinite(recording_.observed(row))) continue;
+        ++count;
+        if (!followed || !std::isfinite(motion(row))) {
+            sum += kLost;
+            continue;
+        }
+        const Eigen::Index corner = row - row % 3;
+        const double moved_m = (motion.segment<3>(corner) - motion.segment<3>(corner % channels)).norm();
+        const double variance = std::pow(recording_.noise_m, 2) + std::pow(calibration_.white_floor_m, 2) +
+                                std::pow(calibration_.white_share * moved_m, 2);
+        sum += std::min(kLost, std::pow(recording_.observed(row) - motion(row), 2) / variance);
+    }
+    return count == 0 ? 0.0 : 0.5 * (sum * static_cast<double>(num_fitted) / static_cast<double>(count) - misfit);
+}
+
+}  // namespace teres

@@ -1,0 +1,41 @@
+// The frames that follow those that are fitted, in a long recording with inertia. A wrong cause can bend the beginning
+// into place (tissue that relaxes for one that is stiff); it does not stay there. So hypotheses are compared by the
+// mean of what they leave on the fitted frames and of what they leave, predicted, on as many later ones. What is
+// reported as held out begins after these.
+#pragma once
+
+#include <memory>
+
+#include "plugins/diagnosis/calibration.h"
+#include "plugins/diagnosis/recording.h"
+#include "plugins/diagnosis/simulator.h"
+
+namespace teres {
+
+class Outlook {
+  public:
+    /// Of a recording of which only the beginning is fitted; else null. Errors: of make_recording().
+    static Result<std::unique_ptr<Outlook>> make(const GapRecording& from, const EffectTable& effects,
+                                                 const Calibration& calibration);
+
+    std::size_t end_frame() const { return end_; }
+    /// Half the difference between the cost of a fit on these frames, scaled to `num_fitted` numbers, and `misfit`, its
+    /// cost on the fitted ones: added to that it makes the mean of both.
+    double later(const Assumption& at, double misfit, std::size_t num_fitted);
+
+  private:
+    Outlook(Recording recording, Simulator simulator, std::size_t first, std::size_t end,
+            const Calibration& calibration)
+        : recording_(std::move(recording)),
+          simulator_(std::move(simulator)),
+          first_(first),
+          end_(end),
+          calibration_(calibration) {}
+
+    Recording recording_;
+    Simulator simulator_;
+    std::size_t first_, end_;
+    Calibration calibration_;
+};
+
+}  // namespace teres
