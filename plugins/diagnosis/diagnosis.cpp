@@ -182,7 +182,6 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
         if (out.nominal.cost > problem.floor.total() && look_again(problem, out.nominal, out.screening, causes))
             add_more();
     }
-    problem.floor = tighten(out.nominal, causes, effects, problem.floor, options.calibration);
     out.verdict = judge(std::move(causes), out.nominal.compared_cost(), problem.floor, options.calibration);
     out.significant = out.verdict.none_probability < 0.5;
 

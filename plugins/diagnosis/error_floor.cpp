@@ -6,7 +6,7 @@ ErrorFloor error_floor(const Whitener& whitener, const Discrepancy& discrepancy,
                        double noise_m, const Calibration& calibration) {
     ErrorFloor floor;
     floor.noise = noise_m * noise_m * whitener.inverse_sigma().squaredNorm();
-    floor.model = floor.any_body = calibration.model_error * static_cast<double>(whitener.size());
+    floor.model = calibration.model_error * static_cast<double>(whitener.size());
     if (discrepancy.columns.cols() == 0) return floor;
     const Eigen::MatrixXd D = whitener.inverse_sigma().asDiagonal() * discrepancy.columns(whitener.rows(), Eigen::all);
     const Eigen::MatrixXd H = Eigen::MatrixXd::Identity(J.cols(), J.cols()) + J.transpose() * J, JD = J.transpose() * D;

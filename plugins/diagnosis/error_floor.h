@@ -3,11 +3,7 @@
 // hide a cause:
 //
 //     above(c) = max(c - noise, 0) + model
-//     model    = any_body + share ||(I + J J^T)^-1/2 S^-1/2 D||^2     any_body = n model_error
-//                                                                      S^-1/2: without the discrepancy columns D
-//
-// That share is what the error may amount to. What the best single effect leaves bounds what it amounts to here
-// (tighten() in verdict.h).
+//     model    = n model_error + share ||(I + J J^T)^-1/2 S^-1/2 D||^2     S^-1/2: without the discrepancy columns D
 #pragma once
 
 #include <algorithm>
@@ -19,9 +15,8 @@
 namespace teres {
 
 struct ErrorFloor {
-    double noise = 0.0;     ///< cost of the stated noise alone
-    double model = 1.0;     ///< more that remains on controls
-    double any_body = 0.0;  ///< of that: on those of any body
+    double noise = 0.0;  ///< cost of the stated noise alone
+    double model = 1.0;  ///< more that remains on controls
 
     double above(double cost) const { return std::max(cost - noise, 0.0) + model; }
     double total() const { return noise + model; }

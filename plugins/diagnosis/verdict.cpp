@@ -69,27 +69,6 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
     return gain(nominal.compared_cost(), cause.misfit, floor, calibration) - cause.price.total();
 }
 
-ErrorFloor tighten(const Fit& nominal, std::vector<Cause>& causes, const EffectTable& effects, const ErrorFloor& floor,
-                   const Calibration& calibration) {
-    double least = nominal.compared_cost();
-    for (const Cause& cause : causes)
-        if (cause.fit.usable && cause.entries.size() == 1)  // what is called scatter is left as well
-            least = std::min(least, std::max(cause.misfit, cause.fit.residual.squaredNorm() + cause.fit.later));
-    ErrorFloor tight = floor;
-    tight.model = std::min(floor.model, floor.any_body + std::max(0.0, least - floor.noise));
-    for (Cause& cause : causes) {
-        if (cause.fit.usable) {
-            const double before = refit_score(nominal, cause, effects, floor, calibration);
-            cause.score += refit_score(nominal, cause, effects, tight, calibration) - before;
-        } else {
-            const double rest = (1.0 - cause.explained) * nominal.compared_cost();
-            cause.score += gain(nominal.compared_cost(), rest, tight, calibration) -
-                           gain(nominal.compared_cost(), rest, floor, calibration);
-        }
-    }
-    return tight;
-}
-
 double explained_share(double cost_null, double cost, const ErrorFloor& floor) {
     const double excess = cost_null - floor.total();
     return excess <= 0.0 ? 0.0 : std::clamp((cost_null - cost) / excess, 0.0, 1.0);

@@ -56,10 +56,6 @@ double misfit_of(const Fit& fit, Eigen::Index nominal_parameters);
 /// Score of a refitted cause against the nominal fit; fills misfit and price.
 double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects, const ErrorFloor& floor,
                    const Calibration& calibration);
-/// The floor as this recording shows it: the model's error is no more than what the best single effect (or none) leaves
-/// above the noise, beside what remains on any body. All scores follow.
-ErrorFloor tighten(const Fit& nominal, std::vector<Cause>& causes, const EffectTable& effects, const ErrorFloor& floor,
-                   const Calibration& calibration);
 /// Share of the nominal cost above the floor explained by `cost`.
 double explained_share(double cost_null, double cost, const ErrorFloor& floor);
 /// What an effect that nobody thought of would gain [nats], before its price.

@@ -6,8 +6,6 @@
 
 #include <cmath>
 
-#include "tests/support/toy_body.h"
-
 namespace teres {
 namespace {
 
@@ -74,38 +72,6 @@ TEST(Verdict, ACauseIsNamedIfItBeatsTheBonusOfNone) {
     const double nominal = 1.6, gain = 22.5 * std::log(2.6 / 2.0);
     EXPECT_GT(probability_of(judge({fitted({0}, 1.0, gain - 5.0, nominal)}, nominal, kFloor, {}), {0}), 0.5);
     EXPECT_GT(judge({fitted({0}, 1.0, gain - 1.0, nominal)}, nominal, kFloor, {}).none_probability, 0.5);
-}
-
-// Noise 1, model error 5 of which 1 remains on any body; nominally 4 are left, 3 above the noise. A fitted effect
-// leaves 1.5, so that the model's error is at most 1 + 0.5 here. A pair that leaves less tells nothing: it may fit the
-// error.
-TEST(Verdict, WhatTheBestEffectLeavesBoundsTheModelsError) {
-    const test::ToyBody body;
-    const EffectTable effects(body, nullptr, {});
-    const std::size_t stiffness = effects.find("stiffness"), gravity = effects.find("gravity");
-    const ErrorFloor loose{1.0, 5.0, 1.0};
-    Fit nominal;
-    nominal.cost = 4.0;
-    const auto cause = [](std::vector<std::size_t> entries, double cost, Eigen::Index parameters) {
-        Cause c;
-        c.entries = std::move(entries);
-        c.fit.usable = true;
-        c.fit.cost = cost;
-        c.fit.u = Eigen::VectorXd::Zero(parameters);
-        c.fit.residual = Eigen::VectorXd::Constant(1, std::sqrt(cost));
-        c.fit.J = Eigen::MatrixXd::Zero(1, parameters);
-        return c;
-    };
-    std::vector<Cause> causes{cause({stiffness}, 1.5, 1), cause({stiffness, gravity}, 1.1, 4), Cause{}};
-    causes[0].score = 22.5 * std::log(8.0 / 5.5) - 2.0;  // (3 + 5) / (0.5 + 5), any price
-    causes[2].entries = {gravity};                       // only screened: explains half of the nominal cost
-    causes[2].explained = 0.5;
-    const ErrorFloor tight = tighten(nominal, causes, effects, loose, {});
-    EXPECT_DOUBLE_EQ(tight.model, 1.5);
-    EXPECT_NEAR(causes[0].score, 22.5 * std::log(4.5 / 2.0) - 2.0, 1e-12);
-    EXPECT_NEAR(causes[2].score, 22.5 * (std::log(4.5 / 2.5) - std::log(8.0 / 6.0)), 1e-12);
-    nominal.cost = 1.2;  // nothing is wrong: the nominal model itself bounds it
-    EXPECT_DOUBLE_EQ(tighten(nominal, causes, effects, loose, {}).model, 1.2);
 }
 
 TEST(Verdict, ProbabilitiesSumToOne) {
