@@ -23,9 +23,9 @@ bool mechanical(const Problem& problem, const Cause& cause) {
 
 double misfit_under(const Problem& problem, const Whitener& whitener, const Fit& fit, Eigen::Index nominal_parameters) {
     const double noise = problem.simulator.noise_factor(fit.at);
-    return (whitener(problem.residual_of(fit)).squaredNorm() + fit.u.head(nominal_parameters).squaredNorm() +
-            fit.later) /
-           (noise * noise);
+    return (whitener(problem.residual_of(fit)).squaredNorm() + fit.u.head(nominal_parameters).squaredNorm()) /
+               (noise * noise) +
+           fit.later;
 }
 
 void take_noise(Problem& problem, Fit& fit) {
@@ -39,6 +39,7 @@ void take_noise(Problem& problem, Fit& fit) {
             effect.values[p] = std::clamp(factor, entry.parameters[p].lower, entry.parameters[p].upper);
         fit.cost /= factor * factor;
         fit.misfit /= factor * factor;
+        fit.later /= factor * factor;
     }
 }
 
@@ -81,8 +82,8 @@ Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const Effe
         Fit again = problem.fit(cause.fit.at, iterations);
         if (again.usable && again.cost < cause.fit.cost) cause.fit = std::move(again);
     }
-    take_noise(problem, cause.fit);
     problem.look_ahead(cause.fit);
+    take_noise(problem, cause.fit);
     return cause;
 }
 

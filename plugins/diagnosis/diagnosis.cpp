@@ -12,15 +12,6 @@ namespace {
 
 constexpr double kNearlyAll = 0.97;  // explained: nothing is left for one more effect
 
-// All of a recording of which only the beginning is fitted, for predictions.
-GapRecording whole_of(GapRecording recording) {
-    if (recording.whole_mechanics == nullptr) return recording;
-    recording.mechanics = recording.whole_mechanics;
-    recording.sensors = recording.whole_sensors;
-    recording.observed_m = recording.whole_observed_m;
-    return recording;
-}
-
 // A recording as far as it goes under assumptions that were fitted elsewhere or on its beginning.
 struct Forecast {
     Recording recording;

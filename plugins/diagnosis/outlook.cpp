@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "plugins/diagnosis/problem.h"
+
 namespace teres {
 namespace {
 
@@ -13,10 +15,7 @@ constexpr double kLost = 1e6;  // cost per number of a model whose trajectory ca
 Result<std::unique_ptr<Outlook>> Outlook::make(const GapRecording& from, const EffectTable& effects,
                                                const Calibration& calibration) {
     if (from.whole_mechanics == nullptr) return std::unique_ptr<Outlook>();
-    GapRecording whole = from;
-    whole.mechanics = from.whole_mechanics;
-    whole.sensors = from.whole_sensors;
-    whole.observed_m = from.whole_observed_m;
+    const GapRecording whole = whole_of(from);
     TERES_TRY_ASSIGN(Recording recording, make_recording(whole));
     const std::size_t first = from.mechanics->num_frames(), all = recording.num_frames;
     const std::size_t end = first + std::min(first, (all - first) / 2);
@@ -41,11 +40,8 @@ double Outlook::later(const Assumption& at, double misfit, std::size_t num_fitte
             sum += kLost;
             continue;
         }
-        const Eigen::Index corner = row - row % 3;
-        const double moved_m = (motion.segment<3>(corner) - motion.segment<3>(corner % channels)).norm();
-        const double variance = std::pow(recording_.noise_m, 2) + std::pow(calibration_.white_floor_m, 2) +
-                                std::pow(calibration_.white_share * moved_m, 2);
-        sum += std::min(kLost, std::pow(recording_.observed(row) - motion(row), 2) / variance);
+        sum += std::min(kLost, std::pow(recording_.observed(row) - motion(row), 2) /
+                                   white_variance_m2(recording_, motion, row, calibration_));
     }
     return count == 0 ? 0.0 : 0.5 * (sum * static_cast<double>(num_fitted) / static_cast<double>(count) - misfit);
 }

@@ -29,16 +29,22 @@ Assumption prior_median(const TrajectoryModel& model) {
     return a;
 }
 
+double white_variance_m2(const Recording& recording, const Eigen::VectorXd& motion, Eigen::Index row,
+                         const Calibration& calibration) {
+    const auto channels = static_cast<Eigen::Index>(3 * recording.num_markers);
+    const Eigen::Index first = row - row % 3;
+    const double displacement = (motion.segment<3>(first) - motion.segment<3>(first % channels)).norm();
+    return std::pow(recording.noise_m, 2) + std::pow(calibration.white_floor_m, 2) +
+           std::pow(calibration.white_share * displacement, 2);
+}
+
 Whitener whitener_for(const Recording& recording, const Discrepancy& discrepancy, const Eigen::VectorXd& motion,
                       const Calibration& calibration) {
-    const auto channels = static_cast<Eigen::Index>(3 * recording.num_markers);
     Eigen::VectorXd sigma(static_cast<Eigen::Index>(recording.fit_rows.size()));
     for (Eigen::Index k = 0; k < sigma.size(); ++k) {
-        const Eigen::Index row = recording.fit_rows[static_cast<std::size_t>(k)], first = row - row % 3;
-        const double displacement = (motion.segment<3>(first) - motion.segment<3>(first % channels)).norm();
+        const Eigen::Index row = recording.fit_rows[static_cast<std::size_t>(k)];
         sigma(k) =
-            std::sqrt(std::pow(recording.noise_m, 2) + std::pow(calibration.white_floor_m, 2) +
-                      std::pow(discrepancy.remainder_m, 2) + std::pow(calibration.white_share * displacement, 2));
+            std::sqrt(white_variance_m2(recording, motion, row, calibration) + std::pow(discrepancy.remainder_m, 2));
     }
     return tempered_whitener(recording.fit_rows, sigma, discrepancy.columns, calibration);
 }

@@ -12,6 +12,10 @@ Simulator::Progress stage(const DiagnosisOptions& options, const char* name);
 /// Nominal parameters at their prior median, no effect.
 Assumption prior_median(const TrajectoryModel& model);
 
+/// Variance of one number of a trajectory [m^2]: stated noise and the white part of the model's error, about `motion`.
+double white_variance_m2(const Recording& recording, const Eigen::VectorXd& motion, Eigen::Index row,
+                         const Calibration& calibration);
+
 /// Stated noise and what the discrepancy columns leave: an absolute part, and a share of each marker's displacement in
 /// `motion`.
 Whitener whitener_for(const Recording& recording, const Discrepancy& discrepancy, const Eigen::VectorXd& motion,

@@ -53,6 +53,14 @@ void Recording::hold_out_markers(const Eigen::VectorXd& simulated) {
     }
 }
 
+GapRecording whole_of(GapRecording recording) {
+    if (recording.whole_mechanics == nullptr) return recording;
+    recording.mechanics = recording.whole_mechanics;
+    recording.sensors = recording.whole_sensors;
+    recording.observed_m = recording.whole_observed_m;
+    return recording;
+}
+
 Result<Recording> make_recording(const GapRecording& from) {
     Recording r;
     r.name = from.name;

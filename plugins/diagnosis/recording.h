@@ -36,6 +36,9 @@ struct Recording {
     static constexpr std::size_t kHeldShare = 6;  ///< one frame of six is held out, at the end
 };
 
+/// All of a recording of which only the beginning is fitted, for predictions.
+GapRecording whole_of(GapRecording recording);
+
 /// Errors (kInvalidInput): fewer than 3 markers or 8 frames, a marker that is never seen, stated noise not positive,
 /// observations kilometres away from the model (wrong units).
 Result<Recording> make_recording(const GapRecording& from);

@@ -195,8 +195,8 @@ void finish(Problem& problem, const Fit& nominal, const Base* base, const Screen
         Fit better = problem.fit(causes[k].fit.at, 6);
         if (better.usable && better.misfit < causes[k].fit.residual.squaredNorm()) {
             causes[k].fit = std::move(better);
-            take_noise(problem, causes[k].fit);
             problem.look_ahead(causes[k].fit);
+            take_noise(problem, causes[k].fit);
         }
         score(problem, nominal, base, causes[k]);
     }

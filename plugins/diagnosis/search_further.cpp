@@ -28,7 +28,7 @@ std::vector<Cause> search_on_top(Problem& problem, const Fit& nominal, const Cau
     if (!base.fit.usable) return {};
     base.misfit = misfit_under(problem, base.looser, base.fit, nominal.u.size());
     const double noise = problem.simulator.noise_factor(known.fit.at);
-    if (base.fit.compared_cost() / (noise * noise) < problem.floor.total() + form_error(problem, nominal, known))
+    if (base.fit.cost / (noise * noise) + base.fit.later < problem.floor.total() + form_error(problem, nominal, known))
         return {};
     Screening screening;
     return search(problem, nominal, &base, screening);
