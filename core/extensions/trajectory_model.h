@@ -29,7 +29,7 @@ struct NominalParameter {
 
 class TrajectoryModel : public EffectCatalogue {
   public:
-    static constexpr const char* kId = "teres.trajectory_model/3";
+    static constexpr const char* kId = "teres.trajectory_model/4";
 
     virtual std::size_t num_parameters() const noexcept = 0;
     virtual NominalParameter parameter(std::size_t index) const noexcept = 0;
@@ -63,6 +63,10 @@ class TrajectoryModel : public EffectCatalogue {
         return simulate(h, markers_m, {}, {});
     }
 
+    /// simulate() at the given frames only (ascending); markers_m has 3 M per listed frame. The base stays what it is.
+    virtual TrajectoryReport simulate_at(const Hypothesis& h, std::span<const std::int32_t> frames,
+                                         std::span<double> markers_m) noexcept = 0;
+
     /// First-order response of markers (and points if not empty) when hypothesis `base` (that of the last simulate() or
     /// approximate()) is replaced by each of `others`: quasi-static, per frame  K(x; base) dx = -dg, dg the derivative
     /// of the gradient g(x; .) from `base` towards `other` along the transformed parameters (ln theta; amplitudes from
@@ -87,6 +91,10 @@ class TrajectoryModel : public EffectCatalogue {
     virtual TrajectoryReport simulate_variant(std::size_t index, const Hypothesis& h,
                                               std::span<const std::int32_t> frames,
                                               std::span<double> markers_m) noexcept = 0;
+
+    /// The same recording by a model with a state of its own, so that another thread can ask it: made on the first
+    /// call, owned by this one, which must outlive its use. Null: there is none.
+    virtual TrajectoryModel* twin() noexcept { return nullptr; }
 
   protected:
     ~TrajectoryModel() = default;

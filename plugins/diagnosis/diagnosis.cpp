@@ -158,6 +158,16 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     if (!out.nominal.usable) return not_usable(out.name + ": the nominal model does not converge");
     stage(options, "nominal fit")(1.0);
 
+    // From here on hypotheses are fitted two at a time where the model has a twin.
+    std::optional<Simulator> second;
+    std::optional<Problem> beside;
+    if (TrajectoryModel* twin = recordings[0].mechanics->twin(); twin != nullptr) {
+        second.emplace(*twin, recordings[0].sensors, effects);
+        beside.emplace(Problem{*second, out.recording, options, problem.discrepancy, problem.whitener, problem.floor,
+                               problem.outlook});
+        problem.beside = &*beside;
+    }
+
     // One effect; then, as long as it pays, one more on top of the best; then what first order may have overlooked.
     std::vector<Cause> causes = search(problem, out.nominal, nullptr, out.screening);
     out.confusability = confusability(out.screening, out.nominal.J);

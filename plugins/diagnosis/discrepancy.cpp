@@ -1,10 +1,13 @@
 #include "plugins/diagnosis/discrepancy.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstdio>
 #include <fstream>
 #include <random>
+
+#include "plugins/diagnosis/share_work.h"
 
 namespace teres {
 namespace {
@@ -120,15 +123,25 @@ Result<Discrepancy> discrepancy_of(Simulator& simulator, const std::filesystem::
             if (draw == 0) return not_usable("the nominal model does not converge at its prior median");
             continue;
         }
-        for (std::size_t v = 0; v < variants; ++v) {
+        TrajectoryModel* twin = model.twin();
+        std::vector<Eigen::MatrixXd> differences(variants);
+        std::atomic<bool> cancelled = false;
+        share_work(twin != nullptr, variants, [&](std::size_t who, std::size_t v) {
+            if (cancelled) return;
             Eigen::MatrixXd difference(channels, static_cast<Eigen::Index>(frames.size()));
-            const TrajectoryReport report = model.simulate_variant(
-                v, {assumption.theta, {}}, frames, {difference.data(), static_cast<std::size_t>(difference.size())});
-            const bool usable = report.frames_converged == report.frames && difference.allFinite();
-            if (progress && !progress(static_cast<double>(static_cast<std::size_t>(draw) * variants + v + 1) /
-                                      static_cast<double>(kDraws * variants)))
-                return not_usable("cancelled");
-            if (!usable) continue;
+            const TrajectoryReport report =
+                (who == 0 ? model : *twin)
+                    .simulate_variant(v, {assumption.theta, {}}, frames,
+                                      {difference.data(), static_cast<std::size_t>(difference.size())});
+            if (report.frames_converged == report.frames && difference.allFinite())
+                differences[v] = std::move(difference);
+            if (who == 0 && progress)
+                cancelled = !progress(static_cast<double>(static_cast<std::size_t>(draw) * variants + v + 1) /
+                                      static_cast<double>(kDraws * variants));
+        });
+        if (cancelled) return not_usable("cancelled");
+        for (Eigen::MatrixXd& difference : differences) {
+            if (difference.size() == 0) continue;
             for (std::size_t k = 0; k < frames.size(); ++k)
                 difference.col(static_cast<Eigen::Index>(k)) -= nominal.segment(channels * frames[k], channels);
             all.conservativeResize(Eigen::NoChange, all.cols() + 1);

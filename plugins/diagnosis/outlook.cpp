@@ -25,6 +25,7 @@ Result<std::unique_ptr<Outlook>> Outlook::make(const GapRecording& from, const E
 }
 
 double Outlook::later(const Assumption& at, double misfit, std::size_t num_fitted) {
+    const std::lock_guard lock(mutex_);
     Eigen::VectorXd motion;
     simulator_.set_horizon(end_);
     const bool followed = simulator_.simulate(at, motion);

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <memory>
+#include <mutex>
 
 #include "plugins/diagnosis/calibration.h"
 #include "plugins/diagnosis/recording.h"
@@ -20,7 +21,7 @@ class Outlook {
 
     std::size_t end_frame() const { return end_; }
     /// Half the difference between the cost of a fit on these frames, scaled to `num_fitted` numbers, and `misfit`, its
-    /// cost on the fitted ones: added to that it makes the mean of both.
+    /// cost on the fitted ones: added to that it makes the mean of both. Callable from several threads, one at a time.
     double later(const Assumption& at, double misfit, std::size_t num_fitted);
 
   private:
@@ -34,6 +35,7 @@ class Outlook {
 
     Recording recording_;
     Simulator simulator_;
+    std::mutex mutex_;  // of the simulator
     std::size_t first_, end_;
     Calibration calibration_;
 };

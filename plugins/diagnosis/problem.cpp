@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "plugins/diagnosis/share_work.h"
+
 namespace teres {
 namespace {
 
@@ -53,6 +55,11 @@ Whitener tempered_whitener(const std::vector<Eigen::Index>& rows, const Eigen::V
                            const Eigen::MatrixXd& columns, const Calibration& calibration) {
     const double counted = std::min(1.0, calibration.nu / static_cast<double>(sigma.size()));
     return Whitener(rows, sigma, std::sqrt(counted) * columns);
+}
+
+void side_by_side(Problem& problem, std::size_t count, const std::function<void(Problem&, std::size_t)>& work) {
+    share_work(problem.beside != nullptr, count,
+               [&](std::size_t who, std::size_t k) { work(who == 0 ? problem : *problem.beside, k); });
 }
 
 Fit nominal_fit(Problem& problem) {

@@ -33,6 +33,7 @@ struct Problem {
     Whitener whitener;
     ErrorFloor floor{};
     Outlook* outlook = nullptr;  ///< null: nothing beyond the fitted frames
+    Problem* beside = nullptr;   ///< the same with a simulator of its own, for a second thread; null: there is none
 
     double out_of_reach = std::numeric_limits<double>::infinity();  ///< FitOptions, of every fit
 
@@ -55,6 +56,10 @@ struct Problem {
     /// Every frame simulated, exact derivatives: the base of a search.
     void complete(Fit& fit) { teres::complete(simulator, whitener, recording.observed, fit); }
 };
+
+/// share_work() of a problem and the one beside it.
+void side_by_side(Problem& problem, std::size_t count,
+                  const std::function<void(Problem& problem, std::size_t k)>& work);
 
 /// Nominal parameters alone; whether the last frames are held out or, if something happens in them, markers. Sets
 /// whitener and floor.

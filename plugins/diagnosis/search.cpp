@@ -12,7 +12,7 @@
 namespace teres {
 namespace {
 
-constexpr int kPolished = 2;
+constexpr std::size_t kPolished = 2;
 constexpr int kIterations = 8, kFurtherIterations = 6;  // of a refit
 constexpr double kOutOfReach = 15.0;    // nats between a fitted cause and the screening of one that need not be fitted
 constexpr double kMost = 0.9;           // explained: the search need not go on
@@ -20,6 +20,7 @@ constexpr std::size_t kSecondLook = 3;  // effects fitted besides if it has to
 constexpr double kLeastExplained = 0.02;  // of the nominal cost, by first order: less is not worth a fit
 constexpr double kLeastEarly = 0.1;       // ... of the cost of the beginning of a dynamic recording
 constexpr std::size_t kPlaces = 3;        // from which the best answer is fitted
+constexpr double kNearby = 1.5;  // of the best answer's misfit: a fit from another place that stays beyond is given up
 
 // Supports hold or do not; loads, materials and cameras change by degrees.
 bool may_have_threshold(const EffectEntry& entry) {
@@ -31,43 +32,55 @@ bool may_be_support(const EffectEntry& entry) {
     return !entry.info.event && (may_have_threshold(entry) || std::string_view(entry.info.kind) == "load");
 }
 
-// The same from where the effect acts at full size, if that is nearer than where first order leads. `at_once`: only if
-// it explains something already before it is fitted.
-void refit_strongly(Problem& problem, const Fit& nominal, const EffectScreening& added, bool at_once, Cause& cause) {
-    const auto best = best_strong_start(
-        problem.simulator, problem.whitener, problem.recording.observed,
-        strong_starts(problem.simulator.effects(), added, prior_median(problem.simulator.mechanics()).theta));
-    if (!best || (at_once && best->misfit >= nominal.misfit)) return;
+// While it lives, fits of this problem are given up that would leave a misfit beyond this one.
+class GivenUpBeyond {
+  public:
+    GivenUpBeyond(Problem& problem, double misfit) : problem_(problem) { problem.out_of_reach = misfit; }
+    ~GivenUpBeyond() { problem_.out_of_reach = std::numeric_limits<double>::infinity(); }
+    GivenUpBeyond(const GivenUpBeyond&) = delete;
+    GivenUpBeyond& operator=(const GivenUpBeyond&) = delete;
+
+  private:
+    Problem& problem_;
+};
+
+// Beyond this misfit an effect is out of the best one's reach even if its amplitudes cost nothing.
+double out_of_reach(const Problem& problem, const Fit& nominal, const std::vector<Cause>& causes, double search_cost) {
+    if (problem.outlook != nullptr) return std::numeric_limits<double>::infinity();  // what is left later is not known
+    double best = 0.0;
+    for (const Cause& cause : causes) best = std::max(best, cause.score);
+    const double gain = best - kOutOfReach + search_cost;
+    return problem.floor.cost_of(problem.floor.above(nominal.cost) *
+                                 std::exp(-2.0 * gain / problem.options.calibration.nu));
+}
+
+// Effects fitted on top of what is known, two at a time; both are given up by what was known before.
+std::vector<Cause> fit_beside(Problem& problem, const Fit& nominal, const Base* base,
+                              const std::vector<Cause>& known_so_far, const std::vector<const EffectScreening*>& added,
+                              int iterations) {
+    const Cause* known = base != nullptr ? &base->known : nullptr;
+    std::vector<Cause> fitted(added.size());
+    side_by_side(problem, added.size(), [&](Problem& p, std::size_t k) {
+        const GivenUpBeyond bound(p,
+                                  out_of_reach(p, nominal, known_so_far,
+                                               (known != nullptr ? known->search_cost : 0.0) + added[k]->search_cost));
+        fitted[k] = refit(p, nominal, known, *added[k], iterations);
+        score(p, nominal, base, fitted[k]);
+    });
+    return fitted;
+}
+
+// The same cause from where its effect acts at full size, if that is nearer than where first order leads.
+void refit_strongly(Problem& problem, const Fit& nominal, const StrongStart& start, Cause& cause) {
     Eigen::VectorXd trajectory;
-    if (!problem.simulator.simulate(best->at, trajectory)) return;  // the base of what follows
+    if (!problem.simulator.simulate(start.at, trajectory)) return;  // the base of what follows
     Cause other = cause;
-    other.fit = problem.fit(best->at, kIterations);
+    other.fit = problem.fit(start.at, kIterations);
     if (!other.fit.usable || (cause.fit.usable && other.fit.cost >= cause.fit.cost)) return;
     improve_shapes(problem.simulator, problem.whitener, problem.recording.observed, other.fit);
     cause = std::move(other);
     score(problem, nominal, nullptr, cause);
 }
-
-// While it lives, fits are given up that would leave an effect out of the best one's reach even if its amplitudes cost
-// nothing.
-class WithinReach {
-  public:
-    WithinReach(Problem& problem, const Fit& nominal, const std::vector<Cause>& causes, double search_cost)
-        : problem_(problem) {
-        if (problem.outlook != nullptr) return;  // what a fit will leave later is not known before
-        double best = 0.0;
-        for (const Cause& cause : causes) best = std::max(best, cause.score);
-        const double gain = best - kOutOfReach + search_cost;
-        problem.out_of_reach = problem.floor.cost_of(problem.floor.above(nominal.cost) *
-                                                     std::exp(-2.0 * gain / problem.options.calibration.nu));
-    }
-    ~WithinReach() { problem_.out_of_reach = std::numeric_limits<double>::infinity(); }
-    WithinReach(const WithinReach&) = delete;
-    WithinReach& operator=(const WithinReach&) = delete;
-
-  private:
-    Problem& problem_;
-};
 
 // Which screened effects deserve a refit: the best scores, and besides them those that explain most, because a local
 // cause between the points of the search grid looks worse than it is.
@@ -102,25 +115,29 @@ void choose(const Screening& screening, std::size_t by_score, std::size_t by_sha
 // Where first order does not reach (a phase that runs away), each mechanical effect is fitted to the beginning (a
 // quarter, then half) and ranked by what it explains there; its values there are where its refit starts.
 Screening try_beginnings(Problem& problem, const Fit& base, const Cause* known, Screening screening) {
-    const auto fit_first = [&](std::size_t share, const Assumption& start, int iterations) {
-        return fit_jointly(problem.simulator, problem.whitener, problem.recording.observed, start,
-                           {.max_iterations = iterations, .num_frames = problem.recording.num_frames / share});
+    const auto fit_first = [](Problem& p, std::size_t share, const Assumption& start, int iterations) {
+        return fit_jointly(p.simulator, p.whitener, p.recording.observed, start,
+                           {.max_iterations = iterations, .num_frames = p.recording.num_frames / share});
     };
-    const double before = fit_first(2, base.at, 3).cost;
-    for (std::size_t k = 0; k < screening.effects.size(); ++k) {
-        EffectScreening& effect = screening.effects[k];
-        if (problem.simulator.effects()[effect.entry].sensor || effect.explained < kLeastEarly) continue;
+    const auto report = stage(problem.options, known == nullptr ? "trying effects" : "trying further effects");
+    const double before = fit_first(problem, 2, base.at, 3).cost;
+    std::vector<EffectScreening*> tried;
+    for (EffectScreening& effect : screening.effects)
+        if (!problem.simulator.effects()[effect.entry].sensor && effect.explained >= kLeastEarly)
+            tried.push_back(&effect);
+    side_by_side(problem, tried.size(), [&](Problem& p, std::size_t k) {
+        EffectScreening& effect = *tried[k];
         Assumption start = base.at;
         start.effects.push_back(effect.start);
-        halve(problem.simulator.effects()[effect.entry], start.effects.back());  // first order asks for too much
-        Fit fit = fit_first(4, start, 4);
-        if (fit.usable) fit = fit_first(2, fit.at, 4);
-        if (!fit.usable) continue;
-        effect.explained = 1.0 - fit.cost / before;
-        effect.start = fit.at.effects.back();
-        stage(problem.options, known == nullptr ? "trying effects" : "trying further effects")(
-            static_cast<double>(k + 1) / static_cast<double>(screening.effects.size()));
-    }
+        halve(p.simulator.effects()[effect.entry], start.effects.back());  // first order asks for too much
+        Fit fit = fit_first(p, 4, start, 4);
+        if (fit.usable) fit = fit_first(p, 2, fit.at, 4);
+        if (fit.usable) {
+            effect.explained = 1.0 - fit.cost / before;
+            effect.start = fit.at.effects.back();
+        }
+        if (&p == &problem) report(static_cast<double>(k + 1) / static_cast<double>(tried.size()));
+    });
     std::stable_sort(screening.effects.begin(), screening.effects.end(),
                      [](const auto& a, const auto& b) { return a.explained > b.explained; });
     return screening;
@@ -141,13 +158,13 @@ std::vector<Cause> fit_chosen(Problem& problem, const Fit& nominal, const Base* 
         const double lead = best->score - (known != nullptr ? known->score : 0.0) - next.score;
         return lead > 2.0 * kOutOfReach || (lead > kOutOfReach && best->fit.compared_cost() < problem.floor.total());
     };
-    for (std::size_t k = 0; k < chosen.size(); ++k) {
-        if (causes.size() >= always && settled(chosen[k])) continue;
-        const WithinReach reach(problem, nominal, causes,
-                                (known != nullptr ? known->search_cost : 0.0) + chosen[k].search_cost);
-        causes.push_back(refit(problem, nominal, known, chosen[k], iterations));
-        score(problem, nominal, base, causes.back());
-        report(static_cast<double>(k + 1) / static_cast<double>(chosen.size()));
+    for (std::size_t next = 0; next < chosen.size();) {
+        std::vector<const EffectScreening*> pair;
+        for (; next < chosen.size() && pair.size() < 2; ++next)
+            if (causes.size() < always || !settled(chosen[next])) pair.push_back(&chosen[next]);
+        for (Cause& cause : fit_beside(problem, nominal, base, causes, pair, iterations))
+            causes.push_back(std::move(cause));
+        report(static_cast<double>(next) / static_cast<double>(chosen.size()));
     }
     return causes;
 }
@@ -173,14 +190,22 @@ void try_other_places(Problem& problem, const Fit& nominal, const Base* base, co
     if (!cause.fit.usable || screened == screening.effects.end() || screened->places.empty()) return;
     const EffectEntry& entry = problem.simulator.effects()[screened->entry];
     const double apart = apart_m(screened->places);
+    const auto found = centre_of(entry, cause.fit.at.effects.back()), begun = centre_of(entry, screened->start);
+    std::vector<EffectScreening> places;
     for (const PlaceGain& place : best_places(screened->places, kPlaces)) {
-        const auto found = centre_of(entry, cause.fit.at.effects.back()), begun = centre_of(entry, screened->start);
         if ((place.centre_m - *found).norm() < apart || place.centre_m == *begun) continue;
-        EffectScreening there = *screened;
-        there.start = place.start;
-        Cause other = refit(problem, nominal, base != nullptr ? &base->known : nullptr, there, 6);
-        if (other.fit.usable && other.fit.cost < cause.fit.cost) cause = std::move(other);
+        places.push_back(*screened);
+        places.back().start = place.start;
     }
+    std::vector<Cause> others(places.size());
+    const double nearby =
+        problem.outlook != nullptr ? std::numeric_limits<double>::infinity() : kNearby * cause.fit.misfit;
+    side_by_side(problem, places.size(), [&](Problem& p, std::size_t k) {
+        const GivenUpBeyond bound(p, nearby);
+        others[k] = refit(p, nominal, base != nullptr ? &base->known : nullptr, places[k], kFurtherIterations);
+    });
+    for (Cause& other : others)
+        if (other.fit.usable && other.fit.cost < cause.fit.cost) cause = std::move(other);
     score(problem, nominal, base, cause);
 }
 
@@ -190,16 +215,17 @@ void finish(Problem& problem, const Fit& nominal, const Base* base, const Screen
     const std::size_t size = base != nullptr ? base->known.entries.size() + 1 : 1;
     sort_by_score(causes);
     if (!causes.empty()) try_other_places(problem, nominal, base, screening, causes.front());
-    for (std::size_t k = 0; k < causes.size() && k < kPolished; ++k) {
-        if (!causes[k].fit.usable || causes[k].entries.size() != size) continue;  // others were finished before
-        Fit better = problem.fit(causes[k].fit.at, 6);
-        if (better.usable && better.misfit < causes[k].fit.residual.squaredNorm()) {
-            causes[k].fit = std::move(better);
-            problem.look_ahead(causes[k].fit);
-            take_noise(problem, causes[k].fit);
+    side_by_side(problem, std::min(kPolished, causes.size()), [&](Problem& p, std::size_t k) {
+        Cause& cause = causes[k];
+        if (!cause.fit.usable || cause.entries.size() != size) return;  // others were finished before
+        Fit better = p.fit(cause.fit.at, kFurtherIterations);
+        if (better.usable && better.misfit < cause.fit.residual.squaredNorm()) {
+            cause.fit = std::move(better);
+            p.look_ahead(cause.fit);
+            take_noise(p, cause.fit);
         }
-        score(problem, nominal, base, causes[k]);
-    }
+        score(p, nominal, base, cause);
+    });
     sort_by_score(causes);
 }
 
@@ -213,6 +239,57 @@ std::vector<std::size_t> convincing(const Problem& problem, const Fit& nominal, 
     const Cause& top = verdict.causes.front();
     const bool named = top.probability > std::max(verdict.none_probability, verdict.unknown_probability);
     return named && explains_most(top) ? top.entries : std::vector<std::size_t>{};
+}
+
+// Effects that explain much at first order and have not been fitted.
+void fit_overlooked(Problem& problem, const Fit& nominal, const Screening& screening, const Simulator::Progress& report,
+                    std::vector<Cause>& causes) {
+    const auto fitted = static_cast<std::size_t>(std::count_if(
+        causes.begin(), causes.end(), [](const Cause& c) { return c.entries.size() == 1 && c.fit.usable; }));
+    std::vector<const EffectScreening*> overlooked;
+    for (const std::size_t k : worth_refitting(screening, 0, fitted + kSecondLook))
+        if (fitted_alone(causes, screening.effects[k].entry) == nullptr) overlooked.push_back(&screening.effects[k]);
+    for (std::size_t k = 0; k < overlooked.size(); k += 2) {
+        const std::vector<const EffectScreening*> pair(
+            overlooked.begin() + static_cast<std::ptrdiff_t>(k),
+            overlooked.begin() + static_cast<std::ptrdiff_t>(std::min(k + 2, overlooked.size())));
+        for (Cause& cause : fit_beside(problem, nominal, nullptr, causes, pair, kIterations))
+            keep_better(causes, std::move(cause));
+        report(static_cast<double>(k + pair.size()) / static_cast<double>(overlooked.size()));
+    }
+}
+
+// Supports from where they act at full size. `at_once`: only those that explain something already before they are
+// fitted.
+void fit_at_full_size(Problem& problem, const Fit& nominal, const std::vector<const EffectScreening*>& supports,
+                      bool at_once, const Simulator::Progress& report, std::vector<Cause>& causes) {
+    const std::vector<std::int32_t> frames = trial_frames(problem.recording.first_held_frame);
+    const double before = left_at(problem, frames, nominal.trajectory);
+    const std::vector<double> theta = prior_median(problem.simulator.mechanics()).theta;
+    std::vector<StrongStart> starts;
+    std::vector<Cause> strong;
+    for (std::size_t k = 0; k < supports.size(); ++k) {
+        const EffectScreening& support = *supports[k];
+        const auto start =
+            best_strong_start(problem, frames, strong_starts(problem.simulator.effects(), support, theta));
+        report(0.5 * static_cast<double>(k + 1) / static_cast<double>(supports.size()));
+        if (!start || (at_once && start->left >= before)) continue;
+        starts.push_back(*start);
+        const Cause* alone = fitted_alone(causes, support.entry);
+        strong.push_back(alone != nullptr ? *alone : Cause{});
+        strong.back().entries = {support.entry};
+        strong.back().search_cost = support.search_cost;
+    }
+    for (std::size_t first = 0; first < strong.size(); first += 2) {
+        const std::size_t count = std::min<std::size_t>(2, strong.size() - first);
+        side_by_side(problem, count, [&](Problem& p, std::size_t k) {
+            Cause& cause = strong[first + k];
+            const GivenUpBeyond bound(p, out_of_reach(p, nominal, causes, cause.search_cost));
+            refit_strongly(p, nominal, starts[first + k], cause);
+        });
+        for (std::size_t k = 0; k < count; ++k) keep_better(causes, std::move(strong[first + k]));
+        report(0.5 + 0.5 * static_cast<double>(first + count) / static_cast<double>(strong.size()));
+    }
 }
 
 }  // namespace
@@ -252,21 +329,9 @@ bool look_again(Problem& problem, const Fit& nominal, const Screening& screening
     if (told.size() == 1 && !offset) return false;
     const double best_before = causes.front().score;
     const auto report = stage(problem.options, "looking again");
-    if (told.empty()) {
-        const auto count = static_cast<std::size_t>(std::count_if(
-            causes.begin(), causes.end(), [](const Cause& c) { return c.entries.size() == 1 && c.fit.usable; }));
-        const std::vector<std::size_t> chosen = worth_refitting(screening, 0, count + kSecondLook);
-        for (std::size_t k = 0; k < chosen.size(); ++k) {
-            const EffectScreening& effect = screening.effects[chosen[k]];
-            if (fitted_alone(causes, effect.entry) == nullptr) {
-                const WithinReach reach(problem, nominal, causes, effect.search_cost);
-                Cause cause = refit(problem, nominal, nullptr, effect, kIterations);
-                score(problem, nominal, nullptr, cause);
-                keep_better(causes, std::move(cause));
-            }
-            report(0.5 * static_cast<double>(k + 1) / static_cast<double>(chosen.size()));
-        }
-    }
+    if (told.empty())
+        fit_overlooked(
+            problem, nominal, screening, [&](double part) { return report(0.5 * part); }, causes);
     const auto in_question = [&](std::size_t entry) {
         const EffectEntry& effect = problem.simulator.effects()[entry];
         const bool fitted = fitted_alone(causes, entry) != nullptr;
@@ -274,23 +339,12 @@ bool look_again(Problem& problem, const Fit& nominal, const Screening& screening
         if (offset) return !fitted && !effect.info.event;
         return fitted && (told.empty() || std::find(told.begin(), told.end(), entry) != told.end());
     };
-    for (std::size_t k = 0; k < screening.effects.size() && !problem.simulator.mechanics().dynamic(); ++k) {
-        const EffectScreening& effect = screening.effects[k];
-        if (in_question(effect.entry)) {
-            const Cause* alone = fitted_alone(causes, effect.entry);
-            Cause strong;
-            if (alone != nullptr) {
-                strong = *alone;
-            } else {
-                strong.entries = {effect.entry};
-                strong.search_cost = effect.search_cost;
-            }
-            const WithinReach reach(problem, nominal, causes, effect.search_cost);
-            refit_strongly(problem, nominal, effect, offset, strong);
-            keep_better(causes, std::move(strong));
-        }
-        report(0.5 + 0.5 * static_cast<double>(k + 1) / static_cast<double>(screening.effects.size()));
-    }
+    std::vector<const EffectScreening*> supports;
+    for (const EffectScreening& effect : screening.effects)
+        if (in_question(effect.entry) && !problem.simulator.mechanics().dynamic()) supports.push_back(&effect);
+    if (!supports.empty())
+        fit_at_full_size(
+            problem, nominal, supports, offset, [&](double part) { return report(0.5 + 0.5 * part); }, causes);
     sort_by_score(causes);
     if (causes.front().score <= best_before) return false;
     finish(problem, nominal, nullptr, screening, causes);

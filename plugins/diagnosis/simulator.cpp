@@ -1,6 +1,7 @@
 #include "plugins/diagnosis/simulator.h"
 
 #include <algorithm>
+#include <limits>
 
 namespace teres {
 namespace {
@@ -52,6 +53,19 @@ bool Simulator::simulate(const Assumption& assumption, Eigen::VectorXd& observed
                             points_m != nullptr ? std::span<double>(*points_m) : std::span<double>(),
                             nodes_m != nullptr ? std::span<double>(*nodes_m) : std::span<double>());
     return keep(assumption, report, observed);
+}
+
+bool Simulator::simulate_at(const Assumption& assumption, std::span<const std::int32_t> frames,
+                            Eigen::VectorXd& trajectory) {
+    const auto channels = static_cast<Eigen::Index>(3 * num_markers());
+    Eigen::MatrixXd markers_m(channels, static_cast<Eigen::Index>(frames.size()));
+    const auto list = instances(assumption, false);
+    const TrajectoryReport report = mechanics_.simulate_at(
+        {assumption.theta, list}, frames, {markers_m.data(), static_cast<std::size_t>(markers_m.size())});
+    trajectory.setConstant(static_cast<Eigen::Index>(rows_), std::numeric_limits<double>::quiet_NaN());
+    for (std::size_t k = 0; k < frames.size(); ++k)
+        trajectory.segment(channels * frames[k], channels) = markers_m.col(static_cast<Eigen::Index>(k));
+    return report.frames_converged == report.frames && markers_m.allFinite();
 }
 
 void Simulator::set_horizon(std::size_t num_frames) {

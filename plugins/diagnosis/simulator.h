@@ -4,6 +4,7 @@
 
 #include <Eigen/Dense>
 #include <functional>
+#include <span>
 #include <vector>
 
 #include "plugins/diagnosis/effect_table.h"
@@ -29,6 +30,9 @@ class Simulator {
     /// Also the validation points (3 P F) and all nodes (3 N F) where not null.
     bool simulate(const Assumption& assumption, Eigen::VectorXd& observed, std::vector<double>* points_m,
                   std::vector<double>* nodes_m);
+    /// Only the given frames (ascending), under an assumption without sensor effects; the others are NaN. The base
+    /// stays what it is. False: a frame did not converge.
+    bool simulate_at(const Assumption& assumption, std::span<const std::int32_t> frames, Eigen::VectorXd& trajectory);
     /// Only so many frames from the first are simulated from now on (TrajectoryModel::set_horizon); 0: all.
     void set_horizon(std::size_t num_frames);
     /// simulate() at a fraction of its cost (TrajectoryModel::approximate).

@@ -3,12 +3,14 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 namespace teres {
 namespace {
 
 constexpr std::size_t kFewPlaces = 9, kBestPlaces = 3;
 constexpr std::array kSizes{1.0, 3.0};  // of a candidate
+constexpr std::size_t kTrialFrames = 10;
 
 // The candidate's amplitudes times `size`, each to the side of null on which `start` lies.
 ActiveEffect grown(const EffectEntry& entry, const ActiveEffect& candidate, const ActiveEffect& start, double size) {
@@ -44,17 +46,32 @@ std::vector<Assumption> strong_starts(const EffectTable& effects, const EffectSc
     return starts;
 }
 
-std::optional<StrongStart> best_strong_start(Simulator& simulator, const Whitener& whitener,
-                                             const Eigen::VectorXd& observed, const std::vector<Assumption>& starts) {
-    std::optional<StrongStart> best;
-    Eigen::VectorXd trajectory;
-    for (const Assumption& start : starts) {
-        if (!simulator.simulate(start, trajectory)) continue;
-        const Eigen::VectorXd difference = observed - trajectory;
-        const double misfit = whitener(difference.array().isFinite().select(difference, 0.0)).squaredNorm();
-        if (!best || misfit < best->misfit) best = {start, misfit};
-    }
-    return best;
+std::vector<std::int32_t> trial_frames(std::size_t end) {
+    std::vector<std::int32_t> frames;
+    const std::size_t count = std::min(kTrialFrames, end);
+    for (std::size_t k = 1; k <= count; ++k) frames.push_back(static_cast<std::int32_t>(k * end / count - 1));
+    return frames;
+}
+
+double left_at(const Problem& problem, std::span<const std::int32_t> frames, const Eigen::VectorXd& trajectory) {
+    const Eigen::Index channels = trajectory.size() / static_cast<Eigen::Index>(problem.recording.num_frames);
+    Eigen::VectorXd difference = Eigen::VectorXd::Zero(trajectory.size());
+    for (const std::int32_t f : frames)
+        difference.segment(channels * f, channels) =
+            problem.recording.observed.segment(channels * f, channels) - trajectory.segment(channels * f, channels);
+    return problem.whitener(difference.array().isFinite().select(difference, 0.0)).squaredNorm();
+}
+
+std::optional<StrongStart> best_strong_start(Problem& problem, std::span<const std::int32_t> frames,
+                                             const std::vector<Assumption>& starts) {
+    std::vector<double> left(starts.size(), std::numeric_limits<double>::infinity());
+    side_by_side(problem, starts.size(), [&](Problem& p, std::size_t k) {
+        Eigen::VectorXd trajectory;
+        if (p.simulator.simulate_at(starts[k], frames, trajectory)) left[k] = left_at(p, frames, trajectory);
+    });
+    const auto best = std::min_element(left.begin(), left.end());
+    if (best == left.end() || !std::isfinite(*best)) return {};
+    return StrongStart{starts[static_cast<std::size_t>(best - left.begin())], *best};
 }
 
 }  // namespace teres

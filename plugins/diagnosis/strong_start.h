@@ -4,8 +4,8 @@
 
 #include <optional>
 
+#include "plugins/diagnosis/problem.h"
 #include "plugins/diagnosis/screening.h"
-#include "plugins/diagnosis/whitener.h"
 
 namespace teres {
 
@@ -14,12 +14,18 @@ namespace teres {
 std::vector<Assumption> strong_starts(const EffectTable& effects, const EffectScreening& screened,
                                       const std::vector<double>& theta);
 
-/// The one whose simulation leaves the least; nothing if no body holds under any of them.
+/// Frames by which starts are compared: at most ten, spread over those before `end`.
+std::vector<std::int32_t> trial_frames(std::size_t end);
+
+/// |W (y - h)|^2 of these frames alone; h: `trajectory`, full.
+double left_at(const Problem& problem, std::span<const std::int32_t> frames, const Eigen::VectorXd& trajectory);
+
+/// The one whose simulation leaves the least at `frames`; nothing if no body holds under any of them.
 struct StrongStart {
     Assumption at;
-    double misfit = 0.0;
+    double left = 0.0;
 };
-std::optional<StrongStart> best_strong_start(Simulator& simulator, const Whitener& whitener,
-                                             const Eigen::VectorXd& observed, const std::vector<Assumption>& starts);
+std::optional<StrongStart> best_strong_start(Problem& problem, std::span<const std::int32_t> frames,
+                                             const std::vector<Assumption>& starts);
 
 }  // namespace teres

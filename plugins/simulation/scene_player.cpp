@@ -15,7 +15,7 @@ namespace {
 
 constexpr double kClampLayer = 1e-4;      // thickness of the layer that stands for a rigid clamp, over the body's size
 constexpr int kFollowerRounds = 12;       // a pressure follows the surface in rounds ...
-constexpr double kFollowerChange = 1e-4;  // ... until its force changes by less than this share
+constexpr double kFollowerChange = 1e-3;  // ... until its force changes by less than this share
 
 // Clamped nodes become nodes on a layer of thickness h of the body's own stiffness: k = E A_i / h.
 Result<double> lay_clamps_on_springs(Case& c) {

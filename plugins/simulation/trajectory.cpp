@@ -33,8 +33,19 @@ Result<std::unique_ptr<Trajectory>> Trajectory::make(const Case& c, const Player
     std::unique_ptr<Trajectory> t(new Trajectory());
     TERES_TRY_ASSIGN(t->player_, ScenePlayer::make(c, settings));
     t->effects_ = make_effects(t->player_->scene());
-    t->add_variants(c, settings);
+    t->case_ = c;
+    t->settings_ = settings;
+    t->add_variants();
     return t;
+}
+
+TrajectoryModel* Trajectory::twin() noexcept {
+    if (!twin_) {
+        auto made = make(case_, settings_);
+        if (!made) return nullptr;  // this one was made of the same
+        twin_ = std::move(*made);
+    }
+    return twin_.get();
 }
 
 void Trajectory::effect_candidate(std::size_t effect, std::size_t candidate, std::span<double> values) const noexcept {
@@ -542,45 +553,57 @@ bool Trajectory::effect_forces(std::size_t which, std::span<double> rms_n) const
     return true;
 }
 
-void Trajectory::add_variants(const Case& c, const PlayerSettings& settings) {
-    const auto add = [&](const std::string& name, const auto& change) {
-        Variant v{name, c, settings};
-        v.settings.soft_clamps = false;
-        change(v);
-        variants_.push_back(std::move(v));
+void Trajectory::add_variants() {
+    const auto add = [&](std::string name, std::function<void(Case&, PlayerSettings&)> change) {
+        variants_.push_back({std::move(name), std::move(change)});
     };
     const bool dynamic = player_->scene().dynamic;  // 10-node tetrahedra would take minutes for a second of motion
-    if (settings.model.element != ElementType::kQuadratic && !dynamic)
-        add("10-node tetrahedra", [](Variant& v) { v.settings.model.element = ElementType::kQuadratic; });
-    add("nodal shear", [](Variant& v) { v.settings.model.shear_blend = 0.1; });
-    add("element shear", [](Variant& v) { v.settings.model.shear_blend = 1.0; });
+    if (settings_.model.element != ElementType::kQuadratic && !dynamic)
+        add("10-node tetrahedra", [](Case&, PlayerSettings& s) { s.model.element = ElementType::kQuadratic; });
+    add("nodal shear", [](Case&, PlayerSettings& s) { s.model.shear_blend = 0.1; });
+    add("element shear", [](Case&, PlayerSettings& s) { s.model.shear_blend = 1.0; });
     // The atlas says where a ligament may hold, not with which nodes of a group.
     if (player_->scene().tethers.ligament_end > 0) {
-        add("ligament to one side", [](Variant& v) { v.settings.model.ligament.lean = 0.5; });
-        add("ligament to the other side", [](Variant& v) { v.settings.model.ligament.lean = -0.5; });
-        add("narrow ligament", [](Variant& v) { v.settings.model.ligament.sharpness = 2.0; });
+        add("ligament to one side", [](Case&, PlayerSettings& s) { s.model.ligament.lean = 0.5; });
+        add("ligament to the other side", [](Case&, PlayerSettings& s) { s.model.ligament.lean = -0.5; });
+        add("narrow ligament", [](Case&, PlayerSettings& s) { s.model.ligament.sharpness = 2.0; });
     }
-    const BodyLaw law = c.body.law;
-    if (law != BodyLaw::kNeoHookean) add("neo-Hookean", [](Variant& v) { v.data.body.law = BodyLaw::kNeoHookean; });
-    if (law != BodyLaw::kStVK) add("Saint Venant-Kirchhoff", [](Variant& v) { v.data.body.law = BodyLaw::kStVK; });
+    const BodyLaw law = case_.body.law;
+    if (law != BodyLaw::kNeoHookean)
+        add("neo-Hookean", [](Case& c, PlayerSettings&) { c.body.law = BodyLaw::kNeoHookean; });
+    if (law != BodyLaw::kStVK)
+        add("Saint Venant-Kirchhoff", [](Case& c, PlayerSettings&) { c.body.law = BodyLaw::kStVK; });
     if (law == BodyLaw::kOgden)
         for (const double alpha : {-2.0, 4.0})
             add("Ogden alpha " + std::to_string(static_cast<int>(alpha)),
-                [alpha](Variant& v) { v.data.body.alpha = alpha; });
+                [alpha](Case& c, PlayerSettings&) { c.body.alpha = alpha; });
 }
 
 TrajectoryReport Trajectory::simulate_variant(std::size_t index, const Hypothesis& h,
                                               std::span<const std::int32_t> frames,
                                               std::span<double> markers_m) noexcept {
-    const Variant& v = variants_[index];
-    const auto player = ScenePlayer::make(v.data, v.settings);  // asked once: ten kept ones would take a gigabyte
+    Case c = case_;
+    PlayerSettings settings = settings_;
+    settings.soft_clamps = false;
+    variants_[index].change(c, settings);
+    const auto player = ScenePlayer::make(c, settings);  // asked once: ten kept ones would take a gigabyte
     if (!player) return {static_cast<std::int32_t>(frames.size()), 0, 1.0};
-    CaseModel& model = (*player)->model();
+    return play_at(**player, h, frames, markers_m);
+}
+
+TrajectoryReport Trajectory::simulate_at(const Hypothesis& h, std::span<const std::int32_t> frames,
+                                         std::span<double> markers_m) noexcept {
+    return play_at(*player_, h, frames, markers_m);
+}
+
+TrajectoryReport Trajectory::play_at(ScenePlayer& player, const Hypothesis& h, std::span<const std::int32_t> frames,
+                                     std::span<double> markers_m) const {
+    CaseModel& model = player.model();
     const std::size_t markers = 3 * model.num_markers(), dofs = 3 * model.num_nodes();
     TERES_CHECK(markers_m.size() == frames.size() * markers);
     std::vector<double> whole(model.num_state(), 0.0);
     std::size_t k = 0;
-    return (*player)->play(h, effects_, frames, [&](std::size_t, const double* x) {
+    return player.play(h, effects_, frames, [&](std::size_t, const double* x) {
         std::copy_n(x, dofs, whole.begin());
         model.observe(whole, markers_m.subspan(k++ * markers, markers), 1);
     });

@@ -1,4 +1,4 @@
-// Whole recordings of a case under hypotheses (teres.trajectory_model/3): simulation, and the first-order
+// Whole recordings of a case under hypotheses (teres.trajectory_model/4): simulation, and the first-order
 // response of the markers to other hypotheses by one compliance matrix per frame,
 //
 //     K_f dx = -(g(x_f; other) - g(x_f; base)),   dz_f = H_f dx = -C_f dg,   C_f = H_f K_f^-1   (3M x 3N)
@@ -50,6 +50,8 @@ class Trajectory final : public TrajectoryModel {
     TrajectoryReport simulate(const Hypothesis& h, std::span<double> markers_m, std::span<double> points_m,
                               std::span<double> nodes_m) noexcept override;
     TrajectoryReport approximate(const Hypothesis& h, std::span<double> markers_m) noexcept override;
+    TrajectoryReport simulate_at(const Hypothesis& h, std::span<const std::int32_t> frames,
+                                 std::span<double> markers_m) noexcept override;
     bool first_order(std::span<const Hypothesis> others, std::span<double> markers_m,
                      std::span<double> points_m) noexcept override;
     bool marker_compliance(std::int32_t node, std::span<double> out) const noexcept override;
@@ -59,6 +61,7 @@ class Trajectory final : public TrajectoryModel {
     const char* variant_name(std::size_t index) const noexcept override { return variants_[index].name.c_str(); }
     TrajectoryReport simulate_variant(std::size_t index, const Hypothesis& h, std::span<const std::int32_t> frames,
                                       std::span<double> markers_m) noexcept override;
+    TrajectoryModel* twin() noexcept override;
 
     ScenePlayer& player() { return *player_; }
     const std::vector<std::unique_ptr<Effect>>& effects() const { return effects_; }
@@ -66,8 +69,7 @@ class Trajectory final : public TrajectoryModel {
   private:
     struct Variant {
         std::string name;
-        Case data;
-        PlayerSettings settings;
+        std::function<void(Case& c, PlayerSettings& settings)> change;
     };
     // The base trajectory and what first_order() needs of it.
     struct BodyState {  // of a set of strain points, elastic_stress()
@@ -117,8 +119,10 @@ class Trajectory final : public TrajectoryModel {
                               std::span<double> nodes_m, SubspaceSolver* subspace);
     TrajectoryReport move_in_subspace(const Hypothesis& h, std::span<double> markers_m);
     Eigen::MatrixXd motions_under(const Hypothesis& h) const;
+    TrajectoryReport play_at(ScenePlayer& player, const Hypothesis& h, std::span<const std::int32_t> frames,
+                             std::span<double> markers_m) const;
     void start_base(const Hypothesis& h);
-    void add_variants(const Case& c, const PlayerSettings& settings);
+    void add_variants();
     void prepare_stresses() const;
     void prepare_compliances(bool points) const;
     bool factorise(const Hypothesis& h, const ExternalActions& actions, const Eigen::VectorXd& x,
@@ -129,7 +133,10 @@ class Trajectory final : public TrajectoryModel {
     void change_of_gradient(const Hypothesis& h, const ExternalActions& actions, std::size_t frame,
                             const Coefficients& base, Eigen::VectorXd& dg) const;
 
+    Case case_;
+    PlayerSettings settings_;
     std::unique_ptr<ScenePlayer> player_;
+    std::unique_ptr<Trajectory> twin_;
     std::size_t horizon_ = 0;
     std::vector<std::unique_ptr<Effect>> effects_;
     std::vector<Variant> variants_;

@@ -174,21 +174,33 @@ class ToyBody final : public TrajectoryModel {
             }
         return true;
     }
+    TrajectoryReport simulate_at(const Hypothesis& h, std::span<const std::int32_t> listed,
+                                 std::span<double> markers) noexcept override {
+        ++simulations;
+        pick(motion(h), listed, markers);
+        const auto count = static_cast<std::int32_t>(listed.size());
+        return {count, converges ? count : 0, 0.0};
+    }
+    TrajectoryModel* twin() noexcept override { return second; }
+    ToyBody* second = nullptr;  ///< another of the same, if a test wants two
+
     std::size_t num_variants() const noexcept override { return 2; }
     const char* variant_name(std::size_t v) const noexcept override { return v == 0 ? "finer" : "other law"; }
-    TrajectoryReport simulate_variant(std::size_t v, const Hypothesis& h, std::span<const std::int32_t> frames,
+    TrajectoryReport simulate_variant(std::size_t v, const Hypothesis& h, std::span<const std::int32_t> listed,
                                       std::span<double> markers) noexcept override {
-        const auto all = v == 0 ? motion(h, 0.97) : motion(h, 1.0, 0.4);
-        for (std::size_t k = 0; k < frames.size(); ++k)
-            std::copy_n(all.begin() + static_cast<std::ptrdiff_t>(3 * kToyMarkers) * frames[k], 3 * kToyMarkers,
-                        markers.begin() + static_cast<std::ptrdiff_t>(3 * kToyMarkers * k));
-        return {static_cast<std::int32_t>(frames.size()), static_cast<std::int32_t>(frames.size()), 0.0};
+        pick(v == 0 ? motion(h, 0.97) : motion(h, 1.0, 0.4), listed, markers);
+        return {static_cast<std::int32_t>(listed.size()), static_cast<std::int32_t>(listed.size()), 0.0};
     }
 
     bool converges = true;
     int simulations = 0;
 
   private:
+    static void pick(const std::vector<double>& all, std::span<const std::int32_t> listed, std::span<double> markers) {
+        for (std::size_t k = 0; k < listed.size(); ++k)
+            std::copy_n(all.begin() + static_cast<std::ptrdiff_t>(3 * kToyMarkers) * listed[k], 3 * kToyMarkers,
+                        markers.begin() + static_cast<std::ptrdiff_t>(3 * kToyMarkers * k));
+    }
     std::vector<double> base_;
 };
 

@@ -6,6 +6,7 @@
 
 #include <random>
 
+#include "plugins/diagnosis/share_work.h"
 #include "tests/support/test_data.h"
 #include "tests/support/toy_body.h"
 
@@ -171,6 +172,39 @@ TEST(Diagnosis, TwoCausesAreBothNamed) {
     EXPECT_EQ(scene.names(*d), (Names{"registration", "unknown_load"})) << listing(*d, *scene.effects);
     EXPECT_EQ(d->ladder.size(), 3u);
     EXPECT_LT(d->ladder[2].heldout_rms_m, d->ladder[1].heldout_rms_m);
+}
+
+// Hypotheses fitted two at a time by two models: the same answer to the last digit that matters.
+TEST(Diagnosis, TwoModelsSayWhatOneSays) {
+    const std::vector<double> load{0.15, -0.1, -0.35, 0.08, 0.03, 5.3}, shift{0.004, -0.003, 0.005};
+    Scene one({{test::ToyBody::kUnknownLoad, load}}, {{test::ToyCamera::kRegistration, shift}});
+    const auto alone = one.run();
+    test::ToyBody twin;
+    one.body.second = &twin;
+    const auto both = one.run();
+    ASSERT_TRUE(alone && both);
+    EXPECT_GT(twin.simulations, 10);
+    ASSERT_EQ(alone->verdict.causes.size(), both->verdict.causes.size());
+    for (std::size_t k = 0; k < alone->verdict.causes.size(); ++k) {
+        EXPECT_EQ(alone->verdict.causes[k].entries, both->verdict.causes[k].entries);
+        EXPECT_NEAR(alone->verdict.causes[k].probability, both->verdict.causes[k].probability, 1e-9);
+    }
+    EXPECT_EQ(alone->discrepancy.columns, both->discrepancy.columns);
+}
+
+TEST(ShareWork, EvenAndOddAndWhatIsThrown) {
+    for (const bool two : {false, true}) {
+        std::vector<std::size_t> who(7, 9);
+        share_work(two, who.size(), [&](std::size_t w, std::size_t k) { who[k] = w; });
+        EXPECT_EQ(who, two ? (std::vector<std::size_t>{0, 1, 0, 1, 0, 1, 0}) : std::vector<std::size_t>(7, 0));
+        for (const std::size_t bad : {2u, 3u})
+            EXPECT_THROW(share_work(two, 7,
+                                    [&](std::size_t, std::size_t k) {
+                                        if (k == bad) throw std::runtime_error("of one");
+                                    }),
+                         std::runtime_error);
+    }
+    share_work(true, 0, [](std::size_t, std::size_t) { FAIL(); });
 }
 
 TEST(Diagnosis, BadRecordingsAreRefusedWithTheReason) {

@@ -53,24 +53,72 @@ TEST(StrongStart, TriesEveryPlaceOfFewAndNoSensor) {
     EXPECT_TRUE(strong_starts(toy.effects, shift, {}).empty());
 }
 
-TEST(StrongStart, TheBestLeavesTheLeast) {
-    Toy toy;
-    Simulator simulator(toy.body, &toy.camera, toy.effects);
+TEST(StrongStart, FramesAreSpreadOverTheRecording) {
+    EXPECT_EQ(trial_frames(60), (std::vector<std::int32_t>{5, 11, 17, 23, 29, 35, 41, 47, 53, 59}));
+    EXPECT_EQ(trial_frames(4), (std::vector<std::int32_t>{0, 1, 2, 3}));
+}
+
+// A plate of modulus 0.55 of the nominal one and starts around it.
+struct SoftPlate : Toy {
     const std::vector<double> theta{38.0, 70.0};
-    const auto at = [&](double scale) { return Assumption{theta, {{toy.effects.find("stiffness"), {scale}}}}; };
-    Eigen::VectorXd observed;
-    ASSERT_TRUE(simulator.simulate(at(0.55), observed));
-    std::vector<Eigen::Index> rows(static_cast<std::size_t>(observed.size()));
-    for (std::size_t k = 0; k < rows.size(); ++k) rows[k] = static_cast<Eigen::Index>(k);
-    const Whitener whitener(rows, Eigen::VectorXd::Constant(observed.size(), 1e-3),
-                            Eigen::MatrixXd::Zero(observed.size(), 0));
-    const auto best = best_strong_start(simulator, whitener, observed, {at(2.0), at(0.6), at(0.2)});
+    DiagnosisOptions options;
+    Recording recording;
+    Simulator simulator{body, &camera, effects};
+    const std::vector<std::int32_t> frames = trial_frames(test::kToyFrames);
+
+    Assumption at(double scale) const { return {theta, {{effects.find("stiffness"), {scale}}}}; }
+    SoftPlate() {
+        recording.num_markers = test::kToyMarkers;
+        recording.num_frames = test::kToyFrames;
+        EXPECT_TRUE(simulator.simulate(at(0.55), recording.observed));
+    }
+    Problem problem() {
+        std::vector<Eigen::Index> rows(static_cast<std::size_t>(recording.observed.size()));
+        for (std::size_t k = 0; k < rows.size(); ++k) rows[k] = static_cast<Eigen::Index>(k);
+        const Eigen::Index size = recording.observed.size();
+        return {simulator,
+                recording,
+                options,
+                {},
+                Whitener(rows, Eigen::VectorXd::Constant(size, 1e-3), Eigen::MatrixXd::Zero(size, 0))};
+    }
+};
+
+TEST(StrongStart, TheBestLeavesTheLeast) {
+    SoftPlate plate;
+    Problem problem = plate.problem();
+    const auto best = best_strong_start(problem, plate.frames, {plate.at(2.0), plate.at(0.6), plate.at(0.2)});
     ASSERT_TRUE(best);
     EXPECT_EQ(best->at.effects[0].values[0], 0.6);
-    EXPECT_GT(best->misfit, 0.0);
-    observed(4) = NAN;  // a lost marker counts for nothing
-    EXPECT_TRUE(std::isfinite(best_strong_start(simulator, whitener, observed, {at(0.6)})->misfit));
-    EXPECT_FALSE(best_strong_start(simulator, whitener, observed, {}));
+    EXPECT_GT(best->left, 0.0);
+    plate.recording.observed(3 * test::kToyMarkers * 5 + 4) = NAN;  // a lost marker counts for nothing
+    EXPECT_TRUE(std::isfinite(best_strong_start(problem, plate.frames, {plate.at(0.6)})->left));
+    EXPECT_FALSE(best_strong_start(problem, plate.frames, {}));
+    plate.body.converges = false;
+    EXPECT_FALSE(best_strong_start(problem, plate.frames, {plate.at(0.6)}));
+}
+
+TEST(StrongStart, OnlyTheListedFramesCount) {
+    SoftPlate plate;
+    const Problem problem = plate.problem();
+    Eigen::VectorXd trajectory = plate.recording.observed;
+    trajectory(3 * test::kToyMarkers * 5 + 1) += 3e-3;  // three standard deviations
+    trajectory(3 * test::kToyMarkers * 6 + 1) += 1.0;   // a frame between
+    EXPECT_NEAR(left_at(problem, plate.frames, trajectory), 9.0, 1e-9);
+}
+
+TEST(StrongStart, TwoModelsSayWhatOneSays) {
+    SoftPlate plate, other;
+    Problem problem = plate.problem(), beside = other.problem();
+    const std::vector<Assumption> starts{plate.at(2.0), plate.at(0.6), plate.at(0.2)};
+    const auto alone = best_strong_start(problem, plate.frames, starts);
+    problem.beside = &beside;
+    other.body.simulations = 0;
+    const auto both = best_strong_start(problem, plate.frames, starts);
+    ASSERT_TRUE(alone && both);
+    EXPECT_EQ(alone->at.effects[0].values, both->at.effects[0].values);
+    EXPECT_EQ(alone->left, both->left);
+    EXPECT_EQ(other.body.simulations, 1) << "the second of three";
 }
 
 }  // namespace

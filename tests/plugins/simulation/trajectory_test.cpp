@@ -372,6 +372,48 @@ TEST(Trajectory, SimulationDoesNotRememberTheLastOne) {
     for (std::size_t i = 0; i < before.size(); ++i) EXPECT_NEAR(before[i], after[i], 1e-8);
 }
 
+TEST(Trajectory, ATwinIsTheSameModelWithAStateOfItsOwn) {
+    auto t = *Trajectory::make(block(), exact());
+    const auto theta = prior(*t);
+    const auto before = markers_under(*t, theta, {});
+    TrajectoryModel* twin = t->twin();
+    ASSERT_NE(twin, nullptr);
+    EXPECT_EQ(t->twin(), twin) << "made once";
+    std::vector<double> z(before.size()), tangent(before.size()), again(before.size());
+    const Sample s = samples(*t).front();
+    const std::vector<EffectInstance> effect{{std::int32_t(s.effect), s.values}};
+    const Hypothesis other{theta, effect};
+    ASSERT_TRUE(t->first_order({&other, 1}, tangent, {}));
+    twin->simulate(other, z, {}, {});  // does not move the base of the first
+    ASSERT_TRUE(t->first_order({&other, 1}, again, {}));
+    EXPECT_EQ(tangent, again);
+    twin->simulate({theta, {}}, z, {}, {});
+    for (std::size_t i = 0; i < z.size(); ++i) EXPECT_NEAR(z[i], before[i], 1e-8);
+}
+
+TEST(Trajectory, SomeFramesAreThoseOfAllAndLeaveTheBase) {
+    auto t = *Trajectory::make(block(), exact());
+    const auto theta = prior(*t);
+    const std::size_t M = 3 * t->num_markers();
+    const std::vector<std::int32_t> frames{1, 4};
+    for (const Sample& s : samples(*t)) {
+        const std::vector<EffectInstance> effect{{std::int32_t(s.effect), s.values}};
+        const auto all = markers_under(*t, theta, effect);
+        markers_under(*t, theta, {});
+        const Hypothesis softer{theta, effect};
+        std::vector<double> z(frames.size() * M), tangent(all.size()), again(all.size());
+        ASSERT_TRUE(t->first_order({&softer, 1}, tangent, {}));
+        EXPECT_EQ(t->simulate_at(softer, frames, z).frames_converged, 2) << t->effect(s.effect).id;
+        for (std::size_t k = 0; k < frames.size(); ++k)
+            for (std::size_t i = 0; i < M; ++i)
+                EXPECT_NEAR(z[k * M + i], all[std::size_t(frames[k]) * M + i],
+                            5e-6)  // a pressure ends at 1e-3 of its force
+                    << t->effect(s.effect).id;
+        ASSERT_TRUE(t->first_order({&softer, 1}, again, {}));
+        EXPECT_EQ(tangent, again) << t->effect(s.effect).id;
+    }
+}
+
 TEST(Trajectory, MarkerComplianceIsTheResponseToAUnitForce) {
     Case c = block();
     auto t = *Trajectory::make(c, exact());
