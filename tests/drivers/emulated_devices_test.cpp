@@ -223,9 +223,13 @@ TEST_F(EmulatedDevices, WrongFormatAndBusyCameraAreSaidUntilTheyPass) {
     camera.fourcc = V4L2_PIX_FMT_YUYV;
     camera.plug("video0", "SN42");
     start("\"camera\"");
-    wait_s(1.0);
+    // A second request comes after what became of the first has been told.
+    const auto asked_twice = [&] {
+        return comes([&, from = camera.format_requests.load()] { return camera.format_requests >= from + 2; });
+    };
+    ASSERT_TRUE(asked_twice());
     camera.busy = true;
-    wait_s(1.0);
+    ASSERT_TRUE(asked_twice());
     camera.busy = false;
     camera.fourcc = V4L2_PIX_FMT_Z16;
     ASSERT_TRUE(frames(camera, 10));

@@ -40,7 +40,7 @@ class EmulatedCamera {
     std::atomic<int> hang_ms{0};  ///< the next dequeue does not return for so long
     std::atomic<bool> silent{false}, busy{false};
     std::atomic<std::uint32_t> fourcc{V4L2_PIX_FMT_Z16};
-    std::atomic<int> resets{0}, streams{0};
+    std::atomic<int> resets{0}, streams{0}, format_requests{0};
     std::atomic<std::uint32_t> memory{0};  ///< what the program asked for last; 0 with read()
     std::atomic<std::int64_t> frames{0};
 
@@ -181,6 +181,7 @@ class EmulatedCamera {
                 return 0;
             }
             case VIDIOC_S_FMT: {
+                ++format_requests;
                 if (busy) return EBUSY;
                 auto& pixels = static_cast<v4l2_format*>(p)->fmt.pix;
                 pixels.width = kWidth;
