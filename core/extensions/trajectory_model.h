@@ -95,6 +95,9 @@ class TrajectoryModel : public EffectCatalogue {
     /// The same recording by a model with a state of its own, so that another thread can ask it: made on the first
     /// call, owned by this one, which must outlive its use. Null: there is none.
     virtual TrajectoryModel* twin() noexcept { return nullptr; }
+    /// While on, calls of this model may take a share of their work to the twin: nobody else asks that meanwhile. Off at
+    /// the beginning. A trajectory then differs within the residual at which its frames end.
+    virtual void share_with_twin(bool /*on*/) noexcept {}
 
   protected:
     ~TrajectoryModel() = default;

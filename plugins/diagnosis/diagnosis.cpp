@@ -145,6 +145,7 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     out.name = recordings[0].name;
     TERES_TRY_ASSIGN(out.recording, make_recording(recordings[0]));
     Simulator simulator(*recordings[0].mechanics, recordings[0].sensors, effects);
+    const Sharing together(*recordings[0].mechanics, true);
     TERES_TRY_ASSIGN(Discrepancy discrepancy,
                      discrepancy_of(simulator, options.cache, recordings[0].body_hash, stage(options, "model error")));
     Problem problem{simulator, out.recording, options, std::move(discrepancy), {}};
@@ -158,7 +159,7 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     if (!out.nominal.usable) return not_usable(out.name + ": the nominal model does not converge");
     stage(options, "nominal fit")(1.0);
 
-    // From here on hypotheses are fitted two at a time where the model has a twin.
+    // Several hypotheses are fitted two at a time where the model has a twin.
     std::optional<Simulator> second;
     std::optional<Problem> beside;
     if (TrajectoryModel* twin = recordings[0].mechanics->twin(); twin != nullptr) {

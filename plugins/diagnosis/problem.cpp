@@ -58,8 +58,13 @@ Whitener tempered_whitener(const std::vector<Eigen::Index>& rows, const Eigen::V
 }
 
 void side_by_side(Problem& problem, std::size_t count, const std::function<void(Problem&, std::size_t)>& work) {
-    share_work(problem.beside != nullptr, count,
-               [&](std::size_t who, std::size_t k) { work(who == 0 ? problem : *problem.beside, k); });
+    // A single piece of work may be shared frame by frame; of several each model does its own.
+    if (problem.beside == nullptr || count < 2) {
+        for (std::size_t k = 0; k < count; ++k) work(problem, k);
+        return;
+    }
+    const Sharing apart(problem.simulator.mechanics(), false);
+    share_work(true, count, [&](std::size_t who, std::size_t k) { work(who == 0 ? problem : *problem.beside, k); });
 }
 
 Fit nominal_fit(Problem& problem) {

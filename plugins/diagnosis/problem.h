@@ -57,6 +57,19 @@ struct Problem {
     void complete(Fit& fit) { teres::complete(simulator, whitener, recording.observed, fit); }
 };
 
+/// While it lives, a model shares the work of single calls with its twin, or does not; then the reverse.
+class Sharing {
+  public:
+    Sharing(TrajectoryModel& model, bool on) : model_(model), on_(on) { model_.share_with_twin(on_); }
+    ~Sharing() { model_.share_with_twin(!on_); }
+    Sharing(const Sharing&) = delete;
+    Sharing& operator=(const Sharing&) = delete;
+
+  private:
+    TrajectoryModel& model_;
+    bool on_;
+};
+
 /// share_work() of a problem and the one beside it.
 void side_by_side(Problem& problem, std::size_t count,
                   const std::function<void(Problem& problem, std::size_t k)>& work);

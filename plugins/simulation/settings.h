@@ -121,6 +121,7 @@ struct SimulationSettings {
         p.num_frames = trajectory_frames;
         p.model.equilibrium.relative_residual = trajectory_residual;
         p.model.equilibrium.min_iterations = 2;
+        p.model.threads = 1;  // one lane: another thread solves other frames or other hypotheses
         p.model.equilibrium.newton_budget = 0;
         p.model.equilibrium.max_newton_iterations = 10;  // a frame that needs more is given up
         return p;

@@ -3,6 +3,9 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <future>
+#include <numeric>
+#include <utility>
 
 #include "core/check.h"
 #include "plugins/simulation/cholesky.h"
@@ -39,6 +42,10 @@ Result<std::unique_ptr<Trajectory>> Trajectory::make(const Case& c, const Player
     return t;
 }
 
+void Trajectory::share_with_twin(bool on) noexcept {
+    share_ = on && twin() != nullptr;
+}
+
 TrajectoryModel* Trajectory::twin() noexcept {
     if (!twin_) {
         auto made = make(case_, settings_);
@@ -72,15 +79,15 @@ void Trajectory::surface_triangles(std::span<std::int32_t> node) const noexcept 
 }
 
 void Trajectory::start_base(const Hypothesis& h) {
-    base_ = {};
-    base_.theta.assign(h.theta.begin(), h.theta.end());
-    for (const auto& e : h.effects) base_.values.emplace_back(e.values.begin(), e.values.end());
-    for (std::size_t e = 0; e < h.effects.size(); ++e) base_.effects.push_back({h.effects[e].index, base_.values[e]});
+    base_ = std::make_shared<Base>();
+    base_->theta.assign(h.theta.begin(), h.theta.end());
+    for (const auto& e : h.effects) base_->values.emplace_back(e.values.begin(), e.values.end());
+    for (std::size_t e = 0; e < h.effects.size(); ++e) base_->effects.push_back({h.effects[e].index, base_->values[e]});
 }
 
 TrajectoryReport Trajectory::simulate(const Hypothesis& h, std::span<double> markers_m, std::span<double> points_m,
                                       std::span<double> nodes_m) noexcept {
-    whole_ = {};
+    whole_ = std::make_shared<Base>();
     return play_all(h, markers_m, points_m, nodes_m, nullptr);
 }
 
@@ -90,44 +97,86 @@ TrajectoryReport Trajectory::play_all(const Hypothesis& h, std::span<double> mar
     CaseModel& model = player_->model();
     const std::size_t dofs = 3 * model.num_nodes(), markers = 3 * num_markers(), points = 3 * num_points(),
                       state = model.num_state();
-    const std::vector<VectorXd> previous = std::move(base_.x);
+    const std::shared_ptr<const Base> before = base_;
     start_base(h);
 
+    std::vector<std::int32_t> frames(num_frames());
+    std::iota(frames.begin(), frames.end(), 0);
+    base_->x.assign(num_frames(), {});
+    const auto keep = [&](std::size_t f, const double* x) {
+        base_->x[f] = Eigen::Map<const VectorXd>(x, static_cast<Eigen::Index>(dofs));
+    };
+    TrajectoryReport report;
+    if (player_->scene().dynamic)
+        report = player_->play(h, effects_, {}, keep, {}, horizon_, subspace);
+    else
+        report = play_frames(h, frames, before->x, keep);
     std::vector<double> whole(state, 0.0);
-    const auto visit = [&](std::size_t f, const double* x) {
-        base_.x.emplace_back(Eigen::Map<const VectorXd>(x, static_cast<Eigen::Index>(dofs)));
-        std::copy_n(x, dofs, whole.begin());
+    for (std::size_t f = 0; f < num_frames(); ++f) {
+        if (base_->x[f].size() == 0) base_->x[f] = f > 0 ? base_->x[f - 1] : player_->model().mesh().X.reshaped();
+        std::copy_n(base_->x[f].data(), dofs, whole.begin());
         if (!markers_m.empty()) model.observe(whole, markers_m.subspan(f * markers, markers), 1);
         if (!points_m.empty()) model.predict_points(whole, points_m.subspan(f * points, points));
-        if (!nodes_m.empty())
-            std::copy_n(x, 3 * num_nodes(), nodes_m.begin() + static_cast<std::ptrdiff_t>(f * 3 * num_nodes()));
-    };
-    // Frame to frame the body moves much as it did in the last trajectory.
-    const auto guess = [&](std::size_t f, double* x) {
-        if (f > 0 && f < previous.size())
-            Eigen::Map<VectorXd>(x, static_cast<Eigen::Index>(dofs)) += previous[f] - previous[f - 1];
-    };
-    const TrajectoryReport report = player_->play(h, effects_, {}, visit, guess, horizon_, subspace);
-    for (std::size_t f = base_.x.size(); f < num_frames(); ++f) {
-        const VectorXd last = base_.x.back();
-        visit(f, last.data());
+        if (!nodes_m.empty()) std::copy_n(whole.data(), dofs, nodes_m.begin() + static_cast<std::ptrdiff_t>(f * dofs));
     }
     // Velocities and accelerations by differences between frames: what frames cannot resolve is not looked
     // at.
-    const std::size_t F = base_.x.size();
+    const std::size_t F = base_->x.size();
     if (player_->scene().dynamic)
         for (std::size_t f = 0; f < F; ++f) {
             const std::size_t m = std::clamp<std::size_t>(f, 1, std::max<std::size_t>(F, 3) - 2);
             if (F < 3) {
-                base_.v.push_back(VectorXd::Zero(base_.x[f].size()));
-                base_.a.push_back(base_.v.back());
+                base_->v.push_back(VectorXd::Zero(base_->x[f].size()));
+                base_->a.push_back(base_->v.back());
                 continue;
             }
             const double step = player_->step_s(m);
-            base_.v.push_back((base_.x[m + 1] - base_.x[m - 1]) / (2.0 * step));
-            base_.a.push_back((base_.x[m + 1] - 2.0 * base_.x[m] + base_.x[m - 1]) / (step * step));
+            base_->v.push_back((base_->x[m + 1] - base_->x[m - 1]) / (2.0 * step));
+            base_->a.push_back((base_->x[m + 1] - 2.0 * base_->x[m] + base_->x[m - 1]) / (step * step));
         }
     return report;
+}
+
+// Each frame is an equilibrium of its own unless the body has memory: the twin solves the later half meanwhile, from
+// where it was in `before`.
+TrajectoryReport Trajectory::play_frames(const Hypothesis& h, std::span<const std::int32_t> frames,
+                                         const std::vector<VectorXd>& before, const ScenePlayer::Visitor& visit) {
+    const auto dofs = static_cast<Eigen::Index>(3 * num_nodes());
+    const std::size_t half = (frames.size() + 1) / 2;
+    const auto earlier = frames.first(half), later = frames.subspan(half);
+    VectorXd last;  // where the earlier half ends
+    // Starts at rest or `from`, where the body was at `from_frame`; from frame to frame it moves much as it did
+    // `before`.
+    const auto play = [&](Trajectory& by, std::span<const std::int32_t> part, const VectorXd* from,
+                          std::int32_t from_frame) {
+        std::size_t k = 0;
+        const auto guess = [&, part](std::size_t f, double* x) {
+            Eigen::Map<VectorXd> at(x, dofs);
+            if (k == 0 && from != nullptr) at = *from;
+            const std::int32_t f0 = k == 0 ? from_frame : part[k - 1];
+            ++k;
+            if (f0 >= 0 && f < before.size()) at += before[f] - before[static_cast<std::size_t>(f0)];
+        };
+        const auto seen = [&](std::size_t f, const double* x) {
+            if (static_cast<std::int32_t>(f) == earlier.back()) last = Eigen::Map<const VectorXd>(x, dofs);
+            visit(f, x);
+        };
+        return by.player_->play(h, by.effects_, part, seen, guess);
+    };
+    ExternalActions actions;
+    player_->enter(time_s(0), h, effects_, actions);
+    const bool memory = !player_->scene().viscosity.empty();
+    if (!share_ || memory || before.size() != num_frames() || frames.size() < kFewFrames)
+        return play(*this, frames, nullptr, -1);
+    auto twins = std::async(std::launch::async, [&] {
+        return play(*twin_, later, &before[static_cast<std::size_t>(later.front())], later.front());
+    });
+    const TrajectoryReport report = play(*this, earlier, nullptr, -1);
+    TrajectoryReport rest = twins.get();
+    if (rest.frames_converged < rest.frames && report.frames_converged == report.frames)  // too far: in order
+        rest = play(*this, later, &last, earlier.back());
+    return {report.frames + rest.frames, report.frames_converged + rest.frames_converged,
+            std::max(report.relative_residual, rest.relative_residual)};
 }
 
 // z_f(h) = z_f + (1 + a_f) dz_f + r_f about the last whole trajectory: dz first order at every frame; a and the rest r
@@ -138,53 +187,52 @@ TrajectoryReport Trajectory::approximate(const Hypothesis& h, std::span<double> 
     const std::size_t dofs = 3 * model.num_nodes(), F = num_frames();
     const auto rows = static_cast<Eigen::Index>(3 * num_markers()), frames = static_cast<Eigen::Index>(F);
     if (player_->scene().dynamic) return move_in_subspace(h, markers_m);
-    if (F <= kFewFrames || (base_.x.empty() && whole_.x.empty())) return simulate(h, markers_m, {}, {});
-    const std::vector<VectorXd> previous = base_.x;
-    if (!whole_.x.empty()) base_ = std::move(whole_);
+    if (F <= kFewFrames || (base_->x.empty() && whole_->x.empty())) return simulate(h, markers_m, {}, {});
+    const std::shared_ptr<const Base> before = base_;
+    if (!whole_->x.empty()) base_ = std::exchange(whole_, std::make_shared<Base>());
     MatrixXd change(rows, frames);
     const bool predicted = first_order({&h, 1}, {change.data(), static_cast<std::size_t>(change.size())}, {});
     ExternalActions actions;
     player_->enter(time_s(0), h, effects_, actions);
     const bool memory = !player_->scene().viscosity.empty();
     if (!predicted || memory) return simulate(h, markers_m, {}, {});
-    whole_ = std::move(base_);
+    whole_ = std::exchange(base_, std::make_shared<Base>());
     start_base(h);
     // Tangents stay those of solved frames: one between them is not in equilibrium and may be near singular.
-    base_.compliance = whole_.compliance;
-    base_.nearest = whole_.nearest;
-    base_.with_markers = true;
+    base_->compliance = whole_->compliance;
+    base_->nearest = whole_->nearest;
+    base_->with_markers = true;
 
     const std::vector<std::int32_t> solved = frames_to_solve(change, F / kSolvedShare);
-    const auto last_solved = [&](std::size_t f) {
-        return static_cast<std::size_t>(
-            *(std::lower_bound(solved.begin(), solved.end(), static_cast<std::int32_t>(f)) - 1));
-    };
-    std::vector<double> whole(model.num_state(), 0.0);
     MatrixXd node_change = MatrixXd::Zero(static_cast<Eigen::Index>(dofs), static_cast<Eigen::Index>(solved.size())),
              rest = MatrixXd::Zero(rows, node_change.cols());  // zero where a trajectory is given up
+    std::vector<double> whole(model.num_state(), 0.0);
     const auto markers = [&](const double* x) {
         VectorXd z(rows);
         std::copy_n(x, dofs, whole.begin());
         model.observe(whole, {z.data(), static_cast<std::size_t>(rows)}, 1);
         return z;
     };
-    Eigen::Index k = 0;
-    const TrajectoryReport report = player_->play(
-        h, effects_, solved,
-        [&](std::size_t f, const double* x) {
-            const auto column = static_cast<Eigen::Index>(f);
-            node_change.col(k) = Eigen::Map<const VectorXd>(x, node_change.rows()) - whole_.x[f];
-            rest.col(k++) = markers(x) - markers(whole_.x[f].data()) - change.col(column);
-        },
-        [&](std::size_t f, double* x) {
-            if (f > 0) Eigen::Map<VectorXd>(x, node_change.rows()) += previous[f] - previous[last_solved(f)];
-        });
+    const auto slot = [&](std::size_t f) {
+        return std::lower_bound(solved.begin(), solved.end(), static_cast<std::int32_t>(f)) - solved.begin();
+    };
+    std::vector<char> reached(solved.size(), 0);
+    const TrajectoryReport report = play_frames(h, solved, before->x, [&](std::size_t f, const double* x) {
+        node_change.col(slot(f)) = Eigen::Map<const VectorXd>(x, node_change.rows()) - whole_->x[f];
+        reached[static_cast<std::size_t>(slot(f))] = 1;
+    });
+    for (Eigen::Index k = 0; k < rest.cols(); ++k) {
+        if (!reached[static_cast<std::size_t>(k)]) continue;
+        const auto f = static_cast<std::size_t>(solved[static_cast<std::size_t>(k)]);
+        const VectorXd x = whole_->x[f] + node_change.col(k);
+        rest.col(k) = markers(x.data()) - markers(whole_->x[f].data()) - change.col(static_cast<Eigen::Index>(f));
+    }
     change = with_rest(change, rest, solved);
     const MatrixXd nodes = interpolate(node_change, solved, frames);
     for (Eigen::Index f = 0; f < frames; ++f) {
-        const VectorXd& x = whole_.x[static_cast<std::size_t>(f)];
+        const VectorXd& x = whole_->x[static_cast<std::size_t>(f)];
         Eigen::Map<VectorXd>(markers_m.data() + f * rows, rows) = markers(x.data()) + change.col(f);
-        base_.x.push_back(x + nodes.col(f));
+        base_->x.push_back(x + nodes.col(f));
     }
     return report;
 }
@@ -203,7 +251,7 @@ MatrixXd Trajectory::motions_under(const Hypothesis& h) const {
     };
     const std::size_t F = num_frames();
     MatrixXd moved(dofs, static_cast<Eigen::Index>(F));
-    for (std::size_t f = 0; f < F; ++f) moved.col(static_cast<Eigen::Index>(f)) = base_.x[f] - base_.x[0];
+    for (std::size_t f = 0; f < F; ++f) moved.col(static_cast<Eigen::Index>(f)) = base_->x[f] - base_->x[0];
     const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(moved.transpose() * moved);
     const Eigen::Index kept = std::min<Eigen::Index>(kProperMotions, moved.cols());
     const MatrixXd proper = moved * eigen.eigenvectors().rightCols(kept);
@@ -217,9 +265,9 @@ MatrixXd Trajectory::motions_under(const Hypothesis& h) const {
                 statics.col(static_cast<Eigen::Index>(f / every)).segment<3>(3 * static_cast<Eigen::Index>(row)) =
                     dg.segment<3>(3 * i);
     });
-    base_.tangent->solve(statics);
+    base_->tangent->solve(statics);
 
-    const MatrixXd modes = all_nodes(base_.modal->modes()), changes = all_nodes(statics);
+    const MatrixXd modes = all_nodes(base_->modal->modes()), changes = all_nodes(statics);
     MatrixXd out(dofs, proper.cols() + modes.cols() + changes.cols());
     Eigen::Index used = 0;
     for (const MatrixXd* part : {&proper, &modes, &changes})
@@ -230,20 +278,20 @@ MatrixXd Trajectory::motions_under(const Hypothesis& h) const {
 
 // approximate() of a dynamic case: forces of the whole mesh, motion in a subspace about the last whole trajectory.
 TrajectoryReport Trajectory::move_in_subspace(const Hypothesis& h, std::span<double> markers_m) {
-    if (base_.x.empty() && whole_.x.empty()) return simulate(h, markers_m, {}, {});
-    if (!whole_.x.empty()) base_ = std::move(whole_);
-    if (base_.frame.empty()) prepare_stresses();
-    if (!base_.with_markers) prepare_compliances(false);
-    if (!base_.modal) return simulate(h, markers_m, {}, {});
+    if (base_->x.empty() && whole_->x.empty()) return simulate(h, markers_m, {}, {});
+    if (!whole_->x.empty()) base_ = std::exchange(whole_, std::make_shared<Base>());
+    if (base_->frame.empty()) prepare_stresses();
+    if (!base_->with_markers) prepare_compliances(false);
+    if (!base_->modal) return simulate(h, markers_m, {}, {});
     SubspaceSolver subspace(player_->model().system(), player_->settings().model.equilibrium, motions_under(h));
-    whole_ = std::move(base_);
+    whole_ = std::exchange(base_, std::make_shared<Base>());
     return play_all(h, markers_m, {}, {}, &subspace);
 }
 
 // Gradient of obstacles, loads, tools, pressure and inertia (3N, held nodes included).
 void Trajectory::gradient_of_rest(const ExternalActions& actions, std::size_t frame, VectorXd& g) const {
     const Scene& scene = player_->scene();
-    const double* x = base_.x[frame].data();
+    const double* x = base_->x[frame].data();
     double energy = 0.0;
     g.setZero(actions.force_n.size());
     if (scene.has_pressure()) scene.add_pressure_force(x, g.data());
@@ -260,7 +308,7 @@ void Trajectory::gradient_of_rest(const ExternalActions& actions, std::size_t fr
         for (Eigen::Index i = 0; i < scene.parts.node_mass_kg.size(); ++i)
             g.segment<3>(3 * i) +=
                 scene.parts.node_mass_kg(i) *
-                (base_.a[frame].segment<3>(3 * i) + scene.rayleigh_mass_1_s * base_.v[frame].segment<3>(3 * i));
+                (base_->a[frame].segment<3>(3 * i) + scene.rayleigh_mass_1_s * base_->v[frame].segment<3>(3 * i));
 }
 
 void Trajectory::enter_frame(const Hypothesis& h, std::size_t f, ViscousMemory& memory,
@@ -270,9 +318,9 @@ void Trajectory::enter_frame(const Hypothesis& h, std::size_t f, ViscousMemory& 
     if (scene.viscosity.empty()) return;
     memory.enter_step(scene.viscosity, player_->step_s(f), scene.body_points());
     std::vector<std::vector<double>> S;
-    for (std::size_t s = 0; s < base_.frame[f].size(); ++s)
+    for (std::size_t s = 0; s < base_->frame[f].size(); ++s)
         if (scene.parts.body.points()[s].part.shear != 0.0)
-            S.emplace_back(base_.frame[f][s].S.begin(), base_.frame[f][s].S.end());
+            S.emplace_back(base_->frame[f][s].S.begin(), base_->frame[f][s].S.end());
     std::vector<const std::vector<double>*> stress;
     for (const auto& s : S) stress.push_back(&s);
     memory.finish_step(scene.viscosity, player_->step_s(f), stress);
@@ -298,11 +346,11 @@ bool Trajectory::factorise(const Hypothesis& h, const ExternalActions& actions, 
 void Trajectory::prepare_stresses() const {
     const Scene& scene = player_->scene();
     std::vector<double> S, psi, F;
-    base_.frame.resize(base_.x.size());
-    for (std::size_t f = 0; f < base_.x.size(); ++f)
+    base_->frame.resize(base_->x.size());
+    for (std::size_t f = 0; f < base_->x.size(); ++f)
         for (const auto& set : scene.parts.body.points()) {
-            elastic_stress(set, scene.parts.body.material(), base_.x[f].data(), S, &psi, &F);
-            base_.frame[f].push_back({{S.begin(), S.end()}, {psi.begin(), psi.end()}, {F.begin(), F.end()}});
+            elastic_stress(set, scene.parts.body.material(), base_->x[f].data(), S, &psi, &F);
+            base_->frame[f].push_back({{S.begin(), S.end()}, {psi.begin(), psi.end()}, {F.begin(), F.end()}});
         }
 }
 
@@ -310,7 +358,7 @@ void Trajectory::prepare_stresses() const {
 void Trajectory::prepare_compliances(bool points) const {
     Scene& scene = player_->scene();
     const auto& pattern = player_->model().system().pattern();
-    const Hypothesis h = base_.hypothesis();
+    const Hypothesis h = base_->hypothesis();
     auto factor = std::make_unique<Cholesky>(pattern);
     ExternalActions actions;
     ViscousMemory memory;
@@ -320,41 +368,41 @@ void Trajectory::prepare_compliances(bool points) const {
             factor->solve(Ht);
             return Ht.transpose().cast<float>();
         };
-        if (!base_.with_markers) out.markers = rows(marker_rows(player_->model(), x.data()));
+        if (!base_->with_markers) out.markers = rows(marker_rows(player_->model(), x.data()));
         if (points) out.points = rows(point_rows(player_->model()));
     };
-    const std::size_t num_frames = base_.x.size();
+    const std::size_t num_frames = base_->x.size();
     std::vector<std::size_t> at{0};
-    if (!scene.dynamic) at = distinct_frames(base_.x, kCompliances, base_.nearest);
-    base_.compliance.resize(at.size());
+    if (!scene.dynamic) at = distinct_frames(base_->x, kCompliances, base_->nearest);
+    base_->compliance.resize(at.size());
     for (std::size_t f = 0; f < num_frames; ++f) {
         enter_frame(h, f, memory, actions);
         const auto knot = std::find(at.begin(), at.end(), f);
         if (!scene.dynamic && knot != at.end())
-            solve(base_.x[f], base_.compliance[static_cast<std::size_t>(knot - at.begin())]);
+            solve(base_->x[f], base_->compliance[static_cast<std::size_t>(knot - at.begin())]);
     }
     if (scene.dynamic) {
-        VectorXd mean = VectorXd::Zero(base_.x.front().size());
-        for (const VectorXd& x : base_.x) mean += x / static_cast<double>(num_frames);
+        VectorXd mean = VectorXd::Zero(base_->x.front().size());
+        for (const VectorXd& x : base_->x) mean += x / static_cast<double>(num_frames);
         // A mean of turned shapes is compressed and may buckle: the frame next to it does not.
         const VectorXd& middle = *std::min_element(
-            base_.x.begin(), base_.x.end(),
+            base_->x.begin(), base_->x.end(),
             [&](const VectorXd& a, const VectorXd& b) { return (a - mean).squaredNorm() < (b - mean).squaredNorm(); });
-        base_.nearest.assign(num_frames, 0);
+        base_->nearest.assign(num_frames, 0);
         player_->enter(time_s(num_frames - 1), h, effects_, actions);  // without memory
-        solve(middle, base_.compliance.front());
+        solve(middle, base_->compliance.front());
         if (!factor->factorised()) return;
         VectorXd mass(pattern.num_rows());
         for (Eigen::Index i = 0; i < scene.parts.node_mass_kg.size(); ++i)
             if (const auto node = pattern.free_index(static_cast<NodeIndex>(i)); node >= 0)
                 mass.segment<3>(3 * node).setConstant(scene.parts.node_mass_kg(i));
-        base_.modal = std::make_unique<ModalResponse>(*factor, mass, kModes);
-        base_.modal_markers = marker_rows(player_->model(), middle.data()).transpose() * base_.modal->modes();
-        base_.modal_points = point_rows(player_->model()).transpose() * base_.modal->modes();
-        base_.tangent = std::move(factor);
+        base_->modal = std::make_unique<ModalResponse>(*factor, mass, kModes);
+        base_->modal_markers = marker_rows(player_->model(), middle.data()).transpose() * base_->modal->modes();
+        base_->modal_points = point_rows(player_->model()).transpose() * base_->modal->modes();
+        base_->tangent = std::move(factor);
     }
-    base_.with_markers = true;
-    base_.with_points = base_.with_points || points;
+    base_->with_markers = true;
+    base_->with_points = base_->with_points || points;
 }
 
 // dg = g(x; scene as it is now) - g(x; base). Points of the body whose coefficients are the base's are not
@@ -365,17 +413,17 @@ void Trajectory::change_of_gradient(const Hypothesis& h, const ExternalActions& 
     const Scene& scene = player_->scene();
     gradient_of_rest(actions, frame, dg);
     dg -= base.g_rest;
-    const bool same_theta = std::equal(h.theta.begin(), h.theta.end(), base_.theta.begin(), base_.theta.end());
+    const bool same_theta = std::equal(h.theta.begin(), h.theta.end(), base_->theta.begin(), base_->theta.end());
     if (scene.ties_touched || base.ties_touched || !same_theta) {
         double energy = 0.0;
         dg -= base.g_ties;
-        add_tether_gradient(scene.parts.tethers, h.theta.data(), base_.x[frame].data(), dg.data(), &energy, 1, 1);
+        add_tether_gradient(scene.parts.tethers, h.theta.data(), base_->x[frame].data(), dg.data(), &energy, 1, 1);
     }
     if (!scene.body_touched && !base.body_touched) return;
     const auto& sets = scene.parts.body.points();
     for (std::size_t s = 0; s < sets.size(); ++s) {
         const StrainPoints& now = sets[s];
-        const BodyState& state = base_.frame[frame][s];
+        const BodyState& state = base_->frame[frame][s];
         const auto &scale = base.scale[s], &prestress = base.prestress[s];
         const double mu = now.part.shear * scene.parts.body.material().mu();
         const double b_now = now.stiffening != 0.0 ? now.stiffening / mu : 0.0,
@@ -414,10 +462,10 @@ Trajectory::Point Trajectory::toward(const Hypothesis& other, double share) cons
     };
     Point point;
     for (std::size_t p = 0; p < other.theta.size(); ++p)
-        point.theta.push_back(between(EffectTransform::kLog, base_.theta[p], other.theta[p]));
+        point.theta.push_back(between(EffectTransform::kLog, base_->theta[p], other.theta[p]));
     std::vector<std::int32_t> index;
     for (std::size_t e = 0; e < effects_.size(); ++e) {
-        const auto from = values_in(base_.effects, e), to = values_in(other.effects, e);
+        const auto from = values_in(base_->effects, e), to = values_in(other.effects, e);
         if (from.empty() && to.empty()) continue;
         auto& values = point.values.emplace_back();
         index.push_back(static_cast<std::int32_t>(e));
@@ -435,15 +483,28 @@ Trajectory::Point Trajectory::toward(const Hypothesis& other, double share) cons
 
 bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<double> markers_m,
                              std::span<double> points_m) noexcept {
-    if (base_.x.empty()) return false;
+    if (base_->x.empty()) return false;
+    if (share_ && others.size() > 1 && points_m.empty()) {
+        if (!first_order({}, {}, {})) return false;  // makes of the base what both need
+        const std::size_t mine = others.size() / 2, rows = mine * 3 * num_markers() * num_frames();
+        const std::shared_ptr<Base> twins_base = std::exchange(twin_->base_, base_);
+        auto twins = std::async(std::launch::async,
+                                [&] { return twin_->first_order(others.subspan(mine), markers_m.subspan(rows), {}); });
+        share_ = false;
+        const bool done = first_order(others.first(mine), markers_m.first(rows), {});
+        share_ = true;
+        const bool both = twins.get() && done;
+        twin_->base_ = twins_base;
+        return both;
+    }
     const std::size_t F = num_frames(), M = 3 * num_markers(), P = 3 * num_points();
     const bool with_points = !points_m.empty();
     TERES_CHECK(markers_m.size() == others.size() * F * M);
     TERES_CHECK(!with_points || points_m.size() == others.size() * F * P);
-    if (base_.frame.empty()) prepare_stresses();
-    if (!base_.with_markers || (with_points && !base_.with_points)) prepare_compliances(with_points);
+    if (base_->frame.empty()) prepare_stresses();
+    if (!base_->with_markers || (with_points && !base_->with_points)) prepare_compliances(with_points);
     Scene& scene = player_->scene();
-    for (const Compliance& c : base_.compliance)
+    for (const Compliance& c : base_->compliance)
         if (c.markers.size() == 0) return false;
 
     std::vector<Point> points;
@@ -452,7 +513,7 @@ bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<doubl
     const auto& pattern = player_->model().system().pattern();
     VectorXd force = VectorXd::Zero(pattern.num_rows()), dz, dp;
     visit_changes(points, [&](std::size_t f, std::size_t k, const Coefficients& base, const VectorXd& dg) {
-        const Compliance& C = base_.compliance[base_.nearest[f]];
+        const Compliance& C = base_->compliance[base_->nearest[f]];
         dz.setZero(static_cast<Eigen::Index>(M));
         dp.setZero(static_cast<Eigen::Index>(with_points ? P : 0));
         force.setZero();
@@ -465,12 +526,12 @@ bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<doubl
             if (with_points) dp += (C.points.middleCols<3>(3 * node) * part).cast<double>();
         }
         if (scene.dynamic) {
-            const VectorXd modal = base_.modal->modes().transpose() * force;
-            base_.modal->advance(motion[k], modal, player_->step_s(f), base.rayleigh_mass_1_s,
-                                 base.rayleigh_stiffness_s);
-            const VectorXd beyond = motion[k].q - modal.cwiseQuotient(base_.modal->omega().cwiseAbs2());
-            dz += base_.modal_markers * beyond;
-            if (with_points) dp += base_.modal_points * beyond;
+            const VectorXd modal = base_->modal->modes().transpose() * force;
+            base_->modal->advance(motion[k], modal, player_->step_s(f), base.rayleigh_mass_1_s,
+                                  base.rayleigh_stiffness_s);
+            const VectorXd beyond = motion[k].q - modal.cwiseQuotient(base_->modal->omega().cwiseAbs2());
+            dz += base_->modal_markers * beyond;
+            if (with_points) dp += base_->modal_points * beyond;
             if (f == 0) dz.setZero(), dp.setZero();  // released as it lies
         }
         std::copy_n(dz.data(), M, &markers_m[(k * F + f) * M]);
@@ -482,7 +543,7 @@ bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<doubl
 // Frame by frame, the change of the gradient at the base trajectory when its hypothesis gives way to each other one.
 void Trajectory::visit_changes(const std::vector<Point>& others, const ChangeVisitor& visit) const {
     Scene& scene = player_->scene();
-    const Hypothesis h = base_.hypothesis();
+    const Hypothesis h = base_->hypothesis();
     ViscousMemory base_memory;
     std::vector<ViscousMemory> memory(others.size());
     Coefficients base;
@@ -507,7 +568,7 @@ void Trajectory::visit_changes(const std::vector<Point>& others, const ChangeVis
         gradient_of_rest(actions, f, base.g_rest);
         double energy = 0.0;
         base.g_ties.setZero(base.g_rest.size());
-        add_tether_gradient(scene.parts.tethers, h.theta.data(), base_.x[f].data(), base.g_ties.data(), &energy, 1, 1);
+        add_tether_gradient(scene.parts.tethers, h.theta.data(), base_->x[f].data(), base.g_ties.data(), &energy, 1, 1);
         for (std::size_t k = 0; k < others.size(); ++k) {
             enter_frame(others[k].hypothesis(), f, memory[k], actions);
             change_of_gradient(others[k].hypothesis(), actions, f, base, dg);
@@ -519,11 +580,11 @@ void Trajectory::visit_changes(const std::vector<Point>& others, const ChangeVis
 bool Trajectory::marker_compliance(std::int32_t node, std::span<double> out) const noexcept {
     const std::size_t M = 3 * num_markers();
     TERES_CHECK(out.size() == num_frames() * M * 3);
-    if (base_.x.empty() || player_->scene().dynamic || node < 0 || static_cast<std::size_t>(node) >= num_nodes())
+    if (base_->x.empty() || player_->scene().dynamic || node < 0 || static_cast<std::size_t>(node) >= num_nodes())
         return false;
-    if (base_.frame.empty()) prepare_stresses();
-    if (!base_.with_markers) prepare_compliances(false);
-    for (const Compliance& c : base_.compliance)
+    if (base_->frame.empty()) prepare_stresses();
+    if (!base_->with_markers) prepare_compliances(false);
+    for (const Compliance& c : base_->compliance)
         if (c.markers.size() == 0) return false;
     const auto row = 3 * static_cast<Eigen::Index>(player_->model().system().pattern().free_index(node));
     for (std::size_t f = 0; f < num_frames(); ++f)
@@ -531,19 +592,19 @@ bool Trajectory::marker_compliance(std::int32_t node, std::span<double> out) con
             for (std::size_t b = 0; b < 3; ++b)
                 out[(f * M + r) * 3 + b] = row < 0
                                                ? 0.0
-                                               : base_.compliance[base_.nearest[f]].markers(
+                                               : base_->compliance[base_->nearest[f]].markers(
                                                      static_cast<Eigen::Index>(r), row + static_cast<Eigen::Index>(b));
     return true;
 }
 
 bool Trajectory::effect_forces(std::size_t which, std::span<double> rms_n) const noexcept {
     TERES_CHECK(rms_n.size() == num_nodes());
-    if (base_.x.empty() || which >= base_.effects.size()) return false;
-    if (base_.frame.empty()) prepare_stresses();
-    Point without{base_.theta, base_.values, {}};
+    if (base_->x.empty() || which >= base_->effects.size()) return false;
+    if (base_->frame.empty()) prepare_stresses();
+    Point without{base_->theta, base_->values, {}};
     without.values.erase(without.values.begin() + static_cast<std::ptrdiff_t>(which));
-    for (std::size_t k = 0, v = 0; k < base_.effects.size(); ++k)
-        if (k != which) without.effects.push_back({base_.effects[k].index, without.values[v++]});
+    for (std::size_t k = 0, v = 0; k < base_->effects.size(); ++k)
+        if (k != which) without.effects.push_back({base_->effects[k].index, without.values[v++]});
     std::fill(rms_n.begin(), rms_n.end(), 0.0);
     visit_changes({without}, [&](std::size_t, std::size_t, const Coefficients&, const VectorXd& dg) {
         for (std::size_t i = 0; i < rms_n.size(); ++i)

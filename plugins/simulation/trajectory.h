@@ -62,6 +62,7 @@ class Trajectory final : public TrajectoryModel {
     TrajectoryReport simulate_variant(std::size_t index, const Hypothesis& h, std::span<const std::int32_t> frames,
                                       std::span<double> markers_m) noexcept override;
     TrajectoryModel* twin() noexcept override;
+    void share_with_twin(bool on) noexcept override;
 
     ScenePlayer& player() { return *player_; }
     const std::vector<std::unique_ptr<Effect>>& effects() const { return effects_; }
@@ -117,6 +118,8 @@ class Trajectory final : public TrajectoryModel {
     void visit_changes(const std::vector<Point>& others, const ChangeVisitor& visit) const;
     TrajectoryReport play_all(const Hypothesis& h, std::span<double> markers_m, std::span<double> points_m,
                               std::span<double> nodes_m, SubspaceSolver* subspace);
+    TrajectoryReport play_frames(const Hypothesis& h, std::span<const std::int32_t> frames,
+                                 const std::vector<Eigen::VectorXd>& before, const ScenePlayer::Visitor& visit);
     TrajectoryReport move_in_subspace(const Hypothesis& h, std::span<double> markers_m);
     Eigen::MatrixXd motions_under(const Hypothesis& h) const;
     TrajectoryReport play_at(ScenePlayer& player, const Hypothesis& h, std::span<const std::int32_t> frames,
@@ -140,8 +143,11 @@ class Trajectory final : public TrajectoryModel {
     std::size_t horizon_ = 0;
     std::vector<std::unique_ptr<Effect>> effects_;
     std::vector<Variant> variants_;
-    mutable Base base_;  // its frames are made on first use
-    Base whole_;         // the last trajectory of which every frame was solved, while base_ is an approximate one
+    // Never null; a base's frames are made on first use. The twin may look at it as well.
+    std::shared_ptr<Base> base_ = std::make_shared<Base>();
+    // The last trajectory of which every frame was solved, while base_ is an approximate one.
+    std::shared_ptr<Base> whole_ = std::make_shared<Base>();
+    bool share_ = false;
 };
 
 }  // namespace teres
