@@ -1,5 +1,7 @@
 #include "tools/diagnosis_run.h"
 
+#include <malloc.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -183,6 +185,9 @@ std::string default_cache_folder() {
 
 Result<DiagnosisRun> diagnose_cases(const std::vector<std::string>& case_folders, const Config& config,
                                     const DiagnosisRunOptions& options) {
+    // Megabytes come and go with every trajectory: kept by the heap, not asked from the kernel page by page each time.
+    mallopt(M_MMAP_THRESHOLD, 32 << 20);
+    mallopt(M_TRIM_THRESHOLD, 1 << 30);
     std::vector<Hosted> hosted, whole;  // whole: of long dynamic recordings
     for (const std::string& folder : case_folders) {
         TERES_TRY_ASSIGN(const Case c, read_case(folder));

@@ -1,6 +1,7 @@
 #include "tools/host_checks.h"
 
 #include <arpa/inet.h>
+#include <dlfcn.h>
 #include <fcntl.h>
 #include <linux/videodev2.h>
 #include <net/route.h>
@@ -45,6 +46,20 @@ Check warn(const std::string& name, const std::string& found, const std::string&
 }
 Check fail(const std::string& name, const std::string& found, const std::string& remedy) {
     return {name, CheckState::kFail, found, remedy};
+}
+
+// Which BLAS the simulation would get.
+Check linear_algebra() {
+    const char* name = "linear algebra";
+    if (dlopen("libblas.so.3", RTLD_LAZY) == nullptr)
+        return fail(name, dlerror(), "apt-get install libopenblas0-pthread");
+    void* library = dlopen("libopenblas.so.0", RTLD_NOLOAD | RTLD_LAZY);
+    void* parallel = library != nullptr ? dlsym(library, "openblas_get_parallel") : nullptr;
+    if (parallel == nullptr) return warn(name, "not OpenBLAS: slow", "apt-get install libopenblas0-pthread");
+    if (reinterpret_cast<int (*)()>(parallel)() == 0)
+        return warn(name, "OpenBLAS without locks: threads of the simulation wait for each other",
+                    "apt-get install libopenblas0-pthread");
+    return ok(name, "OpenBLAS");
 }
 
 // Closes with the scope.
@@ -393,6 +408,8 @@ std::vector<Check> check_process(const Config& config) {
     else
         checks.push_back(
             fail("locked memory", found, "LimitMEMLOCK=infinity in the unit, or service.lock_memory = false"));
+
+    checks.push_back(linear_algebra());
 
     const char* notify = std::getenv("NOTIFY_SOCKET");
     const char* watchdog = std::getenv("WATCHDOG_USEC");

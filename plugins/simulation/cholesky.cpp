@@ -1,7 +1,10 @@
 #include "plugins/simulation/cholesky.h"
 
 #include <cholmod.h>
+#include <dlfcn.h>
 #include <omp.h>
+
+#include <mutex>
 
 #include "core/check.h"
 
@@ -58,16 +61,33 @@ Cholesky::~Cholesky() {
 
 namespace {
 
+// What CHOLMOD calls. OpenBLAS has threads of its own (a setting of the program); Debian's libopenblas0-serial has no
+// locks either: two threads that factorise at once would write to the same buffers.
+struct Blas {
+    bool locks = true;
+    std::mutex one_at_a_time;
+
+    Blas() {
+        void* library = dlopen("libopenblas.so.0", RTLD_NOLOAD | RTLD_LAZY);
+        if (library == nullptr) return;
+        if (void* set = dlsym(library, "openblas_set_num_threads")) reinterpret_cast<void (*)(int)>(set)(1);
+        if (void* parallel = dlsym(library, "openblas_get_parallel"))
+            locks = reinterpret_cast<int (*)()>(parallel)() != 0;
+    }
+};
+
 // CHOLMOD opens OpenMP teams of four threads that spin when they are done: they cost other threads of the service more
 // than they save. With no active level allowed it works on the calling thread (the setting belongs to each thread).
-void stay_on_this_thread() {
+[[nodiscard]] std::unique_lock<std::mutex> enter_blas() {
+    static Blas blas;
     omp_set_max_active_levels(0);
+    return blas.locks ? std::unique_lock<std::mutex>() : std::unique_lock(blas.one_at_a_time);
 }
 
 }  // namespace
 
 bool Cholesky::factorise(const std::vector<double>& values) noexcept {
-    stay_on_this_thread();
+    const auto lock = enter_blas();
     TERES_CHECK(values.size() == impl_->pattern.num_values());
     cholmod_sparse A = impl_->view(values.data());
     const int ok = cholmod_factorize(&A, impl_->factor, &impl_->common);
@@ -80,7 +100,7 @@ bool Cholesky::factorised() const {
 }
 
 void Cholesky::solve(Eigen::Ref<Eigen::MatrixXd> B) noexcept {
-    stay_on_this_thread();
+    const auto lock = enter_blas();
     TERES_CHECK(impl_->ready && B.rows() == impl_->pattern.num_rows());
     cholmod_dense b{};
     b.nrow = static_cast<std::size_t>(B.rows());

@@ -29,6 +29,7 @@ constexpr std::size_t kStaticFrames = 4;     // at which a change is followed st
 constexpr double kNoMotion = 1e-12;          // m
 constexpr std::size_t kSolvedShare = 3;      // approximate(): one in so many frames is solved
 constexpr std::size_t kFewFrames = 24;       // ... of more than these
+constexpr std::size_t kFewShared = 8;        // frames that are not worth another thread
 
 }  // namespace
 
@@ -96,7 +97,7 @@ TrajectoryReport Trajectory::play_all(const Hypothesis& h, std::span<double> mar
                                       std::span<double> nodes_m, SubspaceSolver* subspace) {
     CaseModel& model = player_->model();
     const std::size_t dofs = 3 * model.num_nodes(), markers = 3 * num_markers(), points = 3 * num_points(),
-                      state = model.num_state();
+                      corners = 3 * num_nodes(), state = model.num_state();
     const std::shared_ptr<const Base> before = base_;
     start_base(h);
 
@@ -117,7 +118,7 @@ TrajectoryReport Trajectory::play_all(const Hypothesis& h, std::span<double> mar
         std::copy_n(base_->x[f].data(), dofs, whole.begin());
         if (!markers_m.empty()) model.observe(whole, markers_m.subspan(f * markers, markers), 1);
         if (!points_m.empty()) model.predict_points(whole, points_m.subspan(f * points, points));
-        if (!nodes_m.empty()) std::copy_n(whole.data(), dofs, nodes_m.begin() + static_cast<std::ptrdiff_t>(f * dofs));
+        if (!nodes_m.empty()) std::copy_n(whole.data(), corners, &nodes_m[f * corners]);
     }
     // Velocities and accelerations by differences between frames: what frames cannot resolve is not looked
     // at.
@@ -141,7 +142,7 @@ TrajectoryReport Trajectory::play_all(const Hypothesis& h, std::span<double> mar
 // where it was in `before`.
 TrajectoryReport Trajectory::play_frames(const Hypothesis& h, std::span<const std::int32_t> frames,
                                          const std::vector<VectorXd>& before, const ScenePlayer::Visitor& visit) {
-    const auto dofs = static_cast<Eigen::Index>(3 * num_nodes());
+    const auto dofs = static_cast<Eigen::Index>(3 * player_->model().num_nodes());
     const std::size_t half = (frames.size() + 1) / 2;
     const auto earlier = frames.first(half), later = frames.subspan(half);
     VectorXd last;  // where the earlier half ends
@@ -166,7 +167,7 @@ TrajectoryReport Trajectory::play_frames(const Hypothesis& h, std::span<const st
     ExternalActions actions;
     player_->enter(time_s(0), h, effects_, actions);
     const bool memory = !player_->scene().viscosity.empty();
-    if (!share_ || memory || before.size() != num_frames() || frames.size() < kFewFrames)
+    if (!share_ || memory || before.size() != num_frames() || frames.size() < kFewShared)
         return play(*this, frames, nullptr, -1);
     auto twins = std::async(std::launch::async, [&] {
         return play(*twin_, later, &before[static_cast<std::size_t>(later.front())], later.front());
@@ -241,7 +242,7 @@ TrajectoryReport Trajectory::approximate(const Hypothesis& h, std::span<double> 
 // to `h` does statically to it.
 MatrixXd Trajectory::motions_under(const Hypothesis& h) const {
     const auto& pattern = player_->model().system().pattern();
-    const auto dofs = static_cast<Eigen::Index>(3 * num_nodes());
+    const auto dofs = static_cast<Eigen::Index>(3 * player_->model().num_nodes());
     const auto all_nodes = [&](const MatrixXd& free) {
         MatrixXd out = MatrixXd::Zero(dofs, free.cols());
         for (Eigen::Index i = 0; i < dofs / 3; ++i)
@@ -280,7 +281,6 @@ MatrixXd Trajectory::motions_under(const Hypothesis& h) const {
 TrajectoryReport Trajectory::move_in_subspace(const Hypothesis& h, std::span<double> markers_m) {
     if (base_->x.empty() && whole_->x.empty()) return simulate(h, markers_m, {}, {});
     if (!whole_->x.empty()) base_ = std::exchange(whole_, std::make_shared<Base>());
-    if (base_->frame.empty()) prepare_stresses();
     if (!base_->with_markers) prepare_compliances(false);
     if (!base_->modal) return simulate(h, markers_m, {}, {});
     SubspaceSolver subspace(player_->model().system(), player_->settings().model.equilibrium, motions_under(h));
@@ -318,9 +318,9 @@ void Trajectory::enter_frame(const Hypothesis& h, std::size_t f, ViscousMemory& 
     if (scene.viscosity.empty()) return;
     memory.enter_step(scene.viscosity, player_->step_s(f), scene.body_points());
     std::vector<std::vector<double>> S;
-    for (std::size_t s = 0; s < base_->frame[f].size(); ++s)
-        if (scene.parts.body.points()[s].part.shear != 0.0)
-            S.emplace_back(base_->frame[f][s].S.begin(), base_->frame[f][s].S.end());
+    const FrameState& state = stresses_at(f);
+    for (std::size_t s = 0; s < state.size(); ++s)
+        if (scene.parts.body.points()[s].part.shear != 0.0) S.emplace_back(state[s].S.begin(), state[s].S.end());
     std::vector<const std::vector<double>*> stress;
     for (const auto& s : S) stress.push_back(&s);
     memory.finish_step(scene.viscosity, player_->step_s(f), stress);
@@ -343,66 +343,98 @@ bool Trajectory::factorise(const Hypothesis& h, const ExternalActions& actions, 
     return factor.factorised();
 }
 
-void Trajectory::prepare_stresses() const {
-    const Scene& scene = player_->scene();
-    std::vector<double> S, psi, F;
-    base_->frame.resize(base_->x.size());
-    for (std::size_t f = 0; f < base_->x.size(); ++f)
-        for (const auto& set : scene.parts.body.points()) {
-            elastic_stress(set, scene.parts.body.material(), base_->x[f].data(), S, &psi, &F);
-            base_->frame[f].push_back({{S.begin(), S.end()}, {psi.begin(), psi.end()}, {F.begin(), F.end()}});
-        }
+// Made when they are first asked for, by whoever asks: many hypotheses leave the body's material alone.
+const Trajectory::FrameState& Trajectory::stresses_at(std::size_t frame) const {
+    std::call_once(base_->stresses_made, [&] {
+        const Body& body = player_->scene().parts.body;
+        base_->frame.resize(base_->x.size());
+        std::vector<double> S, psi, F;
+        for (std::size_t f = 0; f < base_->x.size(); ++f)
+            for (const auto& set : body.points()) {
+                elastic_stress(set, body.material(), base_->x[f].data(), S, &psi, &F);
+                base_->frame[f].push_back({{S.begin(), S.end()}, {psi.begin(), psi.end()}, {F.begin(), F.end()}});
+            }
+    });
+    return base_->frame[frame];
 }
 
-// Compliances (one next to the mean state and its modes if dynamic).
-void Trajectory::prepare_compliances(bool points) const {
-    Scene& scene = player_->scene();
-    const auto& pattern = player_->model().system().pattern();
-    const Hypothesis h = base_->hypothesis();
-    auto factor = std::make_unique<Cholesky>(pattern);
+// Of the scene as it is now, at x.
+void Trajectory::prepare_compliance(const ExternalActions& actions, const VectorXd& x, bool points,
+                                    Compliance& out) const {
+    if (!factor_) factor_ = std::make_unique<Cholesky>(player_->model().system().pattern());
+    if (!factorise(base_->hypothesis(), actions, x, *factor_)) return;
+    const auto rows = [&](MatrixXd Ht) -> Eigen::MatrixXf {
+        factor_->solve(Ht);
+        return Ht.transpose().cast<float>();
+    };
+    if (!base_->with_markers) out.markers = rows(marker_rows(player_->model(), x.data()));
+    if (points) out.points = rows(point_rows(player_->model()));
+}
+
+// Every `stride`-th of the knots of a quasi-static base.
+void Trajectory::prepare_compliances_at(const std::vector<std::size_t>& knots, std::size_t first, std::size_t stride,
+                                        bool points) const {
     ExternalActions actions;
     ViscousMemory memory;
-    const auto solve = [&](const VectorXd& x, Compliance& out) {
-        if (!factorise(h, actions, x, *factor)) return;
-        const auto rows = [&](MatrixXd Ht) -> Eigen::MatrixXf {
-            factor->solve(Ht);
-            return Ht.transpose().cast<float>();
-        };
-        if (!base_->with_markers) out.markers = rows(marker_rows(player_->model(), x.data()));
-        if (points) out.points = rows(point_rows(player_->model()));
-    };
-    const std::size_t num_frames = base_->x.size();
-    std::vector<std::size_t> at{0};
-    if (!scene.dynamic) at = distinct_frames(base_->x, kCompliances, base_->nearest);
-    base_->compliance.resize(at.size());
-    for (std::size_t f = 0; f < num_frames; ++f) {
-        enter_frame(h, f, memory, actions);
-        const auto knot = std::find(at.begin(), at.end(), f);
-        if (!scene.dynamic && knot != at.end())
-            solve(base_->x[f], base_->compliance[static_cast<std::size_t>(knot - at.begin())]);
+    for (std::size_t f = 0; f < base_->x.size(); ++f) {
+        enter_frame(base_->hypothesis(), f, memory, actions);
+        for (std::size_t k = first; k < knots.size(); k += stride)
+            if (knots[k] == f) prepare_compliance(actions, base_->x[f], points, base_->compliance[k]);
     }
-    if (scene.dynamic) {
-        VectorXd mean = VectorXd::Zero(base_->x.front().size());
-        for (const VectorXd& x : base_->x) mean += x / static_cast<double>(num_frames);
-        // A mean of turned shapes is compressed and may buckle: the frame next to it does not.
-        const VectorXd& middle = *std::min_element(
-            base_->x.begin(), base_->x.end(),
-            [&](const VectorXd& a, const VectorXd& b) { return (a - mean).squaredNorm() < (b - mean).squaredNorm(); });
-        base_->nearest.assign(num_frames, 0);
-        player_->enter(time_s(num_frames - 1), h, effects_, actions);  // without memory
-        solve(middle, base_->compliance.front());
-        if (!factor->factorised()) return;
-        VectorXd mass(pattern.num_rows());
-        for (Eigen::Index i = 0; i < scene.parts.node_mass_kg.size(); ++i)
-            if (const auto node = pattern.free_index(static_cast<NodeIndex>(i)); node >= 0)
-                mass.segment<3>(3 * node).setConstant(scene.parts.node_mass_kg(i));
-        base_->modal = std::make_unique<ModalResponse>(*factor, mass, kModes);
-        base_->modal_markers = marker_rows(player_->model(), middle.data()).transpose() * base_->modal->modes();
-        base_->modal_points = point_rows(player_->model()).transpose() * base_->modal->modes();
-        base_->tangent = std::move(factor);
+}
+
+// Runs `theirs` on the twin, about the base of this one, beside `ours`.
+template <class Theirs, class Ours>
+void Trajectory::beside_twin(const Theirs& theirs, const Ours& ours) const {
+    const std::shared_ptr<Base> twins_base = std::exchange(twin_->base_, base_);
+    auto other = std::async(std::launch::async, [&] { theirs(*twin_); });
+    ours();
+    other.get();
+    twin_->base_ = twins_base;
+}
+
+void Trajectory::prepare_compliances(bool points) const {
+    if (player_->scene().dynamic) {
+        if (!prepare_modes(points)) return;
+    } else {
+        const std::vector<std::size_t> knots = distinct_frames(base_->x, kCompliances, base_->nearest);
+        base_->compliance.resize(knots.size());
+        if (share_)
+            beside_twin([&](Trajectory& twin) { twin.prepare_compliances_at(knots, 1, 2, points); },
+                        [&] { prepare_compliances_at(knots, 0, 2, points); });
+        else
+            prepare_compliances_at(knots, 0, 1, points);
     }
     base_->with_markers = true;
     base_->with_points = base_->with_points || points;
+}
+
+// A dynamic base: one compliance next to its mean state, and the modes there.
+bool Trajectory::prepare_modes(bool points) const {
+    Scene& scene = player_->scene();
+    const auto& pattern = player_->model().system().pattern();
+    const std::size_t num_frames = base_->x.size();
+    VectorXd mean = VectorXd::Zero(base_->x.front().size());
+    for (const VectorXd& x : base_->x) mean += x / static_cast<double>(num_frames);
+    // A mean of turned shapes is compressed and may buckle: the frame next to it does not.
+    const VectorXd& middle = *std::min_element(
+        base_->x.begin(), base_->x.end(),
+        [&](const VectorXd& a, const VectorXd& b) { return (a - mean).squaredNorm() < (b - mean).squaredNorm(); });
+    base_->nearest.assign(num_frames, 0);
+    base_->compliance.resize(1);
+    ExternalActions actions;
+    player_->enter(time_s(num_frames - 1), base_->hypothesis(), effects_, actions);  // without memory
+    prepare_compliance(actions, middle, points, base_->compliance.front());
+    if (!factor_->factorised()) return false;
+    VectorXd mass(pattern.num_rows());
+    for (Eigen::Index i = 0; i < scene.parts.node_mass_kg.size(); ++i)
+        if (const auto node = pattern.free_index(static_cast<NodeIndex>(i)); node >= 0)
+            mass.segment<3>(3 * node).setConstant(scene.parts.node_mass_kg(i));
+    base_->modal = std::make_unique<ModalResponse>(*factor_, mass, kModes);
+    base_->modal_markers = marker_rows(player_->model(), middle.data()).transpose() * base_->modal->modes();
+    base_->modal_points = point_rows(player_->model()).transpose() * base_->modal->modes();
+    base_->tangent = std::move(factor_);
+    return true;
 }
 
 // dg = g(x; scene as it is now) - g(x; base). Points of the body whose coefficients are the base's are not
@@ -423,7 +455,7 @@ void Trajectory::change_of_gradient(const Hypothesis& h, const ExternalActions& 
     const auto& sets = scene.parts.body.points();
     for (std::size_t s = 0; s < sets.size(); ++s) {
         const StrainPoints& now = sets[s];
-        const BodyState& state = base_->frame[frame][s];
+        const BodyState& state = stresses_at(frame)[s];
         const auto &scale = base.scale[s], &prestress = base.prestress[s];
         const double mu = now.part.shear * scene.parts.body.material().mu();
         const double b_now = now.stiffening != 0.0 ? now.stiffening / mu : 0.0,
@@ -487,21 +519,17 @@ bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<doubl
     if (share_ && others.size() > 1 && points_m.empty()) {
         if (!first_order({}, {}, {})) return false;  // makes of the base what both need
         const std::size_t mine = others.size() / 2, rows = mine * 3 * num_markers() * num_frames();
-        const std::shared_ptr<Base> twins_base = std::exchange(twin_->base_, base_);
-        auto twins = std::async(std::launch::async,
-                                [&] { return twin_->first_order(others.subspan(mine), markers_m.subspan(rows), {}); });
+        bool ours = false, theirs = false;
         share_ = false;
-        const bool done = first_order(others.first(mine), markers_m.first(rows), {});
+        beside_twin([&](Trajectory& t) { theirs = t.first_order(others.subspan(mine), markers_m.subspan(rows), {}); },
+                    [&] { ours = first_order(others.first(mine), markers_m.first(rows), {}); });
         share_ = true;
-        const bool both = twins.get() && done;
-        twin_->base_ = twins_base;
-        return both;
+        return ours && theirs;
     }
     const std::size_t F = num_frames(), M = 3 * num_markers(), P = 3 * num_points();
     const bool with_points = !points_m.empty();
     TERES_CHECK(markers_m.size() == others.size() * F * M);
     TERES_CHECK(!with_points || points_m.size() == others.size() * F * P);
-    if (base_->frame.empty()) prepare_stresses();
     if (!base_->with_markers || (with_points && !base_->with_points)) prepare_compliances(with_points);
     Scene& scene = player_->scene();
     for (const Compliance& c : base_->compliance)
@@ -582,7 +610,6 @@ bool Trajectory::marker_compliance(std::int32_t node, std::span<double> out) con
     TERES_CHECK(out.size() == num_frames() * M * 3);
     if (base_->x.empty() || player_->scene().dynamic || node < 0 || static_cast<std::size_t>(node) >= num_nodes())
         return false;
-    if (base_->frame.empty()) prepare_stresses();
     if (!base_->with_markers) prepare_compliances(false);
     for (const Compliance& c : base_->compliance)
         if (c.markers.size() == 0) return false;
@@ -600,7 +627,6 @@ bool Trajectory::marker_compliance(std::int32_t node, std::span<double> out) con
 bool Trajectory::effect_forces(std::size_t which, std::span<double> rms_n) const noexcept {
     TERES_CHECK(rms_n.size() == num_nodes());
     if (base_->x.empty() || which >= base_->effects.size()) return false;
-    if (base_->frame.empty()) prepare_stresses();
     Point without{base_->theta, base_->values, {}};
     without.values.erase(without.values.begin() + static_cast<std::ptrdiff_t>(which));
     for (std::size_t k = 0, v = 0; k < base_->effects.size(); ++k)

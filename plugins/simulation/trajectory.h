@@ -10,6 +10,7 @@
 
 #include <functional>
 #include <memory>
+#include <mutex>
 #include <string>
 #include <vector>
 
@@ -84,8 +85,9 @@ class Trajectory final : public TrajectoryModel {
         std::vector<double> theta;
         std::vector<std::vector<double>> values;
         std::vector<EffectInstance> effects;
-        std::vector<Eigen::VectorXd> x, v, a;         // per frame, 3N; v, a: dynamic
-        std::vector<FrameState> frame;                // made on first use, as all below
+        std::vector<Eigen::VectorXd> x, v, a;  // per frame, 3N; v, a: dynamic
+        std::once_flag stresses_made;
+        std::vector<FrameState> frame;                // stresses_at(); made on first use, as all below
         std::vector<Compliance> compliance;           // of a dynamic case: one, next to the mean state
         std::vector<std::size_t> nearest;             // compliance of each frame
         std::unique_ptr<ModalResponse> modal;         // dynamic
@@ -126,8 +128,15 @@ class Trajectory final : public TrajectoryModel {
                              std::span<double> markers_m) const;
     void start_base(const Hypothesis& h);
     void add_variants();
-    void prepare_stresses() const;
+    const FrameState& stresses_at(std::size_t frame) const;
+    void prepare_compliance(const ExternalActions& actions, const Eigen::VectorXd& x, bool points,
+                            Compliance& out) const;
+    void prepare_compliances_at(const std::vector<std::size_t>& knots, std::size_t first, std::size_t stride,
+                                bool points) const;
     void prepare_compliances(bool points) const;
+    bool prepare_modes(bool points) const;
+    template <class Theirs, class Ours>
+    void beside_twin(const Theirs& theirs, const Ours& ours) const;
     bool factorise(const Hypothesis& h, const ExternalActions& actions, const Eigen::VectorXd& x,
                    Cholesky& factor) const;
     // The scene of a hypothesis at a frame of the base trajectory, with the memory it has there.
@@ -148,6 +157,7 @@ class Trajectory final : public TrajectoryModel {
     // The last trajectory of which every frame was solved, while base_ is an approximate one.
     std::shared_ptr<Base> whole_ = std::make_shared<Base>();
     bool share_ = false;
+    mutable std::unique_ptr<Cholesky> factor_;  // of tangents at bases
 };
 
 }  // namespace teres
