@@ -81,14 +81,16 @@ int diagnose_live(const DiagnoseOptions& options) {
                                     alarmed = m.alarm != 0;
                                 })})
         if (!heard) return report(heard.error());
-    const StopSignals signals;
+    std::optional<StopSignals> signals(std::in_place);
     const auto after_us = static_cast<std::int64_t>(1e6 * options.after_s);
     std::fprintf(stderr, "waiting for alarms of GAP on %s; Ctrl-C ends\n", url.c_str());
-    while (!signals.stop()) {
+    while (!signals->stop()) {
         if (bus->dispatch(100) < 0) return report({ErrorKind::kHostFault, "bus " + url + " failed"});
         if (!onset_us || window.newest_us() < *onset_us + after_us) continue;
+        signals.reset();  // minutes of work: Ctrl-C ends it
         if (const Status done = diagnose_window(options, window, *std::exchange(onset_us, std::nullopt)); !done)
             report(done.error());
+        signals.emplace();
         const std::int64_t until_us = monotonic_us() + 100'000;  // what has piled up is old
         while (monotonic_us() < until_us && bus->dispatch(0) > 0) {
         }

@@ -55,14 +55,16 @@ void InnovationWatch::feed(Channel& c, double e, std::int64_t stamp_us, bool lea
     }
     const double phi = std::clamp(c.variance > 0.0 ? c.covariance / c.variance : 0.0, 0.0, kMaxCorrelation);
     const double innovation = (e - c.mean) - phi * (c.previous - c.mean);
-    const double z = (innovation - c.mean_z) / std::sqrt(std::max(c.variance_z, kLeastSpread));
+    // A recording so far calmer than the filter expects (e of variance 1) promises nothing.
+    const double spread = std::sqrt(std::max(c.variance_z, 1.0 - phi * phi));
+    const double z = (innovation - c.mean_z) / spread;
     if (!learning) {
         const double clipped = std::clamp(z, -options_.clip, options_.clip);
         c.up = std::max(0.0, c.up + clipped - options_.drift);
         c.down = std::max(0.0, c.down - clipped - options_.drift);
-        if (c.up == 0.0) c.up_since_us = stamp_us;
-        if (c.down == 0.0) c.down_since_us = stamp_us;
     }
+    if (c.up == 0.0) c.up_since_us = stamp_us;
+    if (c.down == 0.0) c.down_since_us = stamp_us;
     // Learnt while nothing is under suspicion; running means at first, exponential forgetting later.
     if (!state_.alarm && c.statistic() < 0.5 * (state_.bound > 0.0 ? state_.bound : 1.0)) {
         const double memory = std::max(1.0, options_.forgetting_s / std::max(period_s_, 1e-3));

@@ -2,7 +2,8 @@
 // filter does not explain, and false alarms at most once an hour.
 //
 //     e   = d / sigma                       innovation of a marker axis (and of the mean over markers: common modes)
-//     z_t = (e_t - phi e_{t-1} - m) / s     whitened: structured model error is correlated in time; m, s, phi learnt
+//     z_t = (e_t - phi e_{t-1} - m) / s     whitened: structured model error is correlated in time; m, s, phi learnt,
+//                                           s^2 >= 1 - phi^2: no less than the filter expects of e (variance 1)
 //     g+  = max(0, g+ + clip(z) - k),  g- = max(0, g- - clip(z) - k)          CUSUM, both directions
 //     alarm when a g exceeds h;  onset: the last frame at which that g was zero
 //
@@ -19,10 +20,10 @@ namespace teres {
 
 struct InnovationWatchOptions {
     double false_alarm_period_s = 7200.0;  ///< twice the promised hour: z is not exactly Gaussian
-    double drift = 1.0;                    ///< k, half the smallest shift looked for, in standard deviations
+    double drift = 1.75;                    ///< k, half the smallest shift looked for, in standard deviations
     double learning_s = 5.0;               ///< no alarm before; level, spread and correlation are learnt
     double forgetting_s = 60.0;            ///< level and spread follow slow changes
-    double clip = 2.5;                     ///< a few wild values are no shift
+    double clip = 3.0;                     ///< a few wild values are no shift
     double hold_s = 5.0;                   ///< an alarm stands so long, then the new state is learnt
 };
 

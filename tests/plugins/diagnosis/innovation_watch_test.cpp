@@ -122,6 +122,33 @@ TEST(InnovationWatch, BoundFollowsTheRunLength) {
     EXPECT_NEAR(cusum_bound(1.0, 30.0, 2.0 * 2077.0 / 30.0 / 2.0 / 2.0 * 2.0, 1), 3.0 + std::log(2.0) / 2.0, 0.4);
 }
 
+// While a load pushes elsewhere the model's error differs, within what the filter expects of it (1 sigma).
+TEST(InnovationWatch, ACalmBeginningPromisesNothing) {
+    InnovationWatch watch(kMarkers, {});
+    std::mt19937 generator(4);
+    std::normal_distribution<double> normal;
+    for (int f = 0; f < 3600; ++f) {
+        std::vector<MarkerInnovation> frame(kMarkers);
+        const double load = f < 300 ? 0.0 : 1.5 * std::sin(2.0 * M_PI * (f - 300) / 240.0);
+        for (std::size_t m = 0; m < kMarkers; ++m) {
+            frame[m] = {{0.0, 0.0, 0.0}, kSigma, true};
+            for (double& d : frame[m].d_m) d = kSigma * (0.3 * normal(generator) + (m % 3 == 0 ? load : 0.0));
+        }
+        EXPECT_FALSE(watch.update(stamp(f), frame).alarm) << "frame " << f;
+    }
+}
+
+TEST(InnovationWatch, OnsetIsNotBeforeTheLevelWasLearnt) {
+    Stream stream(11);
+    InnovationWatch watch(kMarkers, {});
+    const int learnt = static_cast<int>(5.0 * kRate);  // the first frame after it
+    for (int f = 0; f < learnt + 60 && !watch.state().alarm; ++f)
+        watch.update(stamp(f),
+                     stream.next([&](std::size_t m, std::size_t) { return m == 3 && f >= learnt ? 9.0 : 0.0; }));
+    ASSERT_TRUE(watch.state().alarm);
+    EXPECT_NEAR(1e-6 * static_cast<double>(watch.state().onset_us), 5.0, 0.2);
+}
+
 TEST(InnovationWatch, LostMarkersAndStrayStampsDoNoHarm) {
     InnovationWatch watch(kMarkers, {});
     Stream stream(9);
