@@ -23,7 +23,8 @@ bool mechanical(const Problem& problem, const Cause& cause) {
 
 double misfit_under(const Problem& problem, const Whitener& whitener, const Fit& fit, Eigen::Index nominal_parameters) {
     const double noise = problem.simulator.noise_factor(fit.at);
-    return (whitener(problem.residual_of(fit)).squaredNorm() + fit.u.head(nominal_parameters).squaredNorm()) /
+    return (whitener(problem.residual_of(fit.trajectory)).squaredNorm() +
+            fit.u.head(nominal_parameters).squaredNorm()) /
                (noise * noise) +
            fit.later;
 }
@@ -73,6 +74,8 @@ Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const Effe
         if (attempt == kAttempts) return cause;
         halve(entry, start.effects.back());
     }
+    if (trajectory.size() > 0 && problem.whitener(problem.residual_of(trajectory)).squaredNorm() > problem.worst_start)
+        return cause;
     cause.fit = problem.fit(start, iterations);
     if (!cause.fit.usable) return cause;
     for (int round = 0; round < kShapeRounds && cause.fit.misfit < problem.out_of_reach; ++round) {

@@ -36,6 +36,7 @@ struct Problem {
     Problem* beside = nullptr;   ///< the same with a simulator of its own, for a second thread; null: there is none
 
     double out_of_reach = std::numeric_limits<double>::infinity();  ///< FitOptions, of every fit
+    double worst_start = std::numeric_limits<double>::infinity();   ///< misfit: a refit that begins beyond is not made
 
     Fit fit(const Assumption& start, int iterations, bool robust = false) {
         return fit_jointly(simulator, whitener, recording.observed, start,
@@ -44,9 +45,9 @@ struct Problem {
                             .out_of_reach = out_of_reach,
                             .robust = robust});
     }
-    /// Observed minus fitted, 0 where lost [m].
-    Eigen::VectorXd residual_of(const Fit& fit) const {
-        const Eigen::VectorXd difference = recording.observed - fit.trajectory;
+    /// Observed minus simulated, 0 where lost [m].
+    Eigen::VectorXd residual_of(const Eigen::VectorXd& trajectory) const {
+        const Eigen::VectorXd difference = recording.observed - trajectory;
         return difference.array().isFinite().select(difference, 0.0);
     }
     /// Fills what a fit leaves beyond the fitted frames.

@@ -32,11 +32,15 @@ bool may_be_support(const EffectEntry& entry) {
     return !entry.info.event && (may_have_threshold(entry) || std::string_view(entry.info.kind) == "load");
 }
 
-// While it lives, fits of this problem are given up that would leave a misfit beyond this one.
+// While it lives, fits of this problem are given up that would leave a misfit beyond this one, or begin beyond `start`.
 class GivenUpBeyond {
   public:
-    GivenUpBeyond(Problem& problem, double misfit) : problem_(problem) { problem.out_of_reach = misfit; }
-    ~GivenUpBeyond() { problem_.out_of_reach = std::numeric_limits<double>::infinity(); }
+    explicit GivenUpBeyond(Problem& problem, double misfit, double start = std::numeric_limits<double>::infinity())
+        : problem_(problem) {
+        problem.out_of_reach = misfit;
+        problem.worst_start = start;
+    }
+    ~GivenUpBeyond() { problem_.out_of_reach = problem_.worst_start = std::numeric_limits<double>::infinity(); }
     GivenUpBeyond(const GivenUpBeyond&) = delete;
     GivenUpBeyond& operator=(const GivenUpBeyond&) = delete;
 
@@ -151,6 +155,7 @@ std::vector<Cause> fit_chosen(Problem& problem, const Fit& nominal, const Base* 
     const int iterations = known == nullptr ? kIterations : kFurtherIterations;
     const auto report =
         stage(problem.options, known == nullptr ? "fitting the best effects" : "fitting further effects");
+    report(0.0);
     std::vector<Cause> causes;
     const auto settled = [&](const EffectScreening& next) {
         const auto best = std::max_element(causes.begin(), causes.end(),
@@ -201,7 +206,7 @@ void try_other_places(Problem& problem, const Fit& nominal, const Base* base, co
     const double nearby =
         problem.outlook != nullptr ? std::numeric_limits<double>::infinity() : kNearby * cause.fit.misfit;
     side_by_side(problem, places.size(), [&](Problem& p, std::size_t k) {
-        const GivenUpBeyond bound(p, nearby);
+        const GivenUpBeyond bound(p, nearby, nominal.misfit);
         others[k] = refit(p, nominal, base != nullptr ? &base->known : nullptr, places[k], kFurtherIterations);
     });
     for (Cause& other : others)
@@ -213,9 +218,15 @@ void try_other_places(Problem& problem, const Fit& nominal, const Base* base, co
 void finish(Problem& problem, const Fit& nominal, const Base* base, const Screening& screening,
             std::vector<Cause>& causes) {
     const std::size_t size = base != nullptr ? base->known.entries.size() + 1 : 1;
+    const auto report = stage(problem.options, "finishing the best");
+    report(0.0);
     sort_by_score(causes);
     if (!causes.empty()) try_other_places(problem, nominal, base, screening, causes.front());
-    side_by_side(problem, std::min(kPolished, causes.size()), [&](Problem& p, std::size_t k) {
+    report(0.5);
+    std::size_t polished = 0;
+    while (polished < std::min(kPolished, causes.size()) && causes[polished].score > causes.front().score - kOutOfReach)
+        ++polished;
+    side_by_side(problem, polished, [&](Problem& p, std::size_t k) {
         Cause& cause = causes[k];
         if (!cause.fit.usable || cause.entries.size() != size) return;  // others were finished before
         Fit better = p.fit(cause.fit.at, kFurtherIterations);
@@ -226,6 +237,7 @@ void finish(Problem& problem, const Fit& nominal, const Base* base, const Screen
         }
         score(p, nominal, base, cause);
     });
+    report(1.0);
     sort_by_score(causes);
 }
 

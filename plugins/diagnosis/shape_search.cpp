@@ -7,6 +7,7 @@ namespace {
 
 constexpr std::array kMoves{0.16, 0.08, 0.04, 0.02, 0.01};  // in prior standard deviations, both ways
 constexpr int kRounds = 3;
+constexpr double kWorthMoving = 0.01;  // of the misfit
 
 }  // namespace
 
@@ -33,7 +34,7 @@ void improve_shapes(Simulator& simulator, const Whitener& whitener, const Eigen:
         const Eigen::MatrixXd change = whitener(simulator.responses(others));
         const Eigen::VectorXd costs = (change.colwise() - fit.residual).colwise().squaredNorm();
         Eigen::Index best = 0;
-        if (costs.minCoeff(&best) >= fit.misfit * (1.0 - 1e-3)) return;
+        if (costs.minCoeff(&best) >= fit.misfit * (1.0 - kWorthMoving)) return;
         Fit moved =
             fit_jointly(simulator, whitener, observed, others[static_cast<std::size_t>(best)], {2, 0.01, false});
         if (!moved.usable || moved.cost >= fit.cost) return;

@@ -203,6 +203,7 @@ TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::u
 
     TrajectoryReport report;
     std::size_t listed = 0, failed = 0;
+    int in_a_row = 0;
     const std::size_t end = horizon > 0 ? std::min(horizon, times_.size()) : times_.size();
     const std::size_t num_wanted = frames.empty() ? end : frames.size();
     for (std::size_t f = 0; f < end; ++f) {
@@ -229,7 +230,9 @@ TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::u
         ++listed;
         ++report.frames;
         failed += !converged;
-        if (static_cast<double>(failed) > 1.0 + settings_.most_failed_share * static_cast<double>(num_wanted)) {
+        in_a_row = converged ? 0 : in_a_row + 1;
+        if (in_a_row > settings_.most_failed_in_a_row ||
+            static_cast<double>(failed) > 1.0 + settings_.most_failed_share * static_cast<double>(num_wanted)) {
             report.frames = static_cast<std::int32_t>(num_wanted);
             return report;
         }
