@@ -119,7 +119,7 @@ legend();
 // charts
 function axes(c,w,h,x0,x1,y1,xl,yl){c.strokeStyle="#8b98a5";c.fillStyle="#43505c";c.beginPath();c.moveTo(50,10);c.lineTo(50,h-30);c.lineTo(w-10,h-30);c.stroke();
  for(let k=0;k<=4;k++){const y=y1*k/4,py=h-30-(h-40)*k/4;c.fillText(num(y,1),18,py+4);c.strokeStyle="#eceff2";c.beginPath();c.moveTo(51,py);c.lineTo(w-10,py);c.stroke()}
- for(let k=0;k<=6;k++){const x=x0+(x1-x0)*k/6;c.fillText(num(x,1),42+(w-60)*k/6,h-14)}c.fillText(xl,w-70,h-2);c.fillText(yl,54,12)}
+ for(let k=0;k<=6;k++){const x=x0+(x1-x0)*k/6;c.textAlign=k<6?"center":"right";c.fillText(num(x,1),k<6?50+(w-60)*k/6:w-2,h-14)}c.textAlign="left";c.fillText(xl,w-70,h-2);c.fillText(yl,54,12)}
 {const c=$("residuals").getContext("2d"),w=1100,h=260,line=[[],[]];
  for(let f=0;f<T.length;f++)["before_m","after_m"].forEach((key,k)=>{let s=0,n=0;for(let m=0;m<M;m++){const v=markerGap(f,m,key);if(v!==null){s+=v*v;n++}}line[k].push(n?1e3*Math.sqrt(s/n):null)});
  const y1=Math.max(...line.flat().filter(v=>v!==null),D.gap.noise_floor_mm)*1.05||1,x0=T[0],x1=T[T.length-1]||1,px=t=>50+(w-60)*(t-x0)/((x1-x0)||1),py=v=>h-30-(h-40)*v/y1;
