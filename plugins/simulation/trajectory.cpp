@@ -322,6 +322,7 @@ void Trajectory::enter_frame(const Hypothesis& h, std::size_t f, ViscousMemory& 
     for (std::size_t s = 0; s < state.size(); ++s)
         if (scene.parts.body.points()[s].part.shear != 0.0) S.emplace_back(state[s].S.begin(), state[s].S.end());
     std::vector<const std::vector<double>*> stress;
+    stress.reserve(S.size());
     for (const auto& s : S) stress.push_back(&s);
     memory.finish_step(scene.viscosity, player_->step_s(f), stress);
 }
