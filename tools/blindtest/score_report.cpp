@@ -37,7 +37,7 @@ Status save_confusion(const Summary& s, const std::filesystem::path& file) {
     using tools::Canvas;
     Canvas canvas(kLeft + kCell * static_cast<int>(answers.size()) + 40,
                   kTop + kCell * static_cast<int>(s.confusion.size()) + 30);
-    canvas.text({20.0, 26.0}, "Blind test: truth (rows) against answer (columns); number of cases", 14);
+    canvas.text({20.0, 26.0}, "Truth (rows), answer (columns), cases", 14);
     for (std::size_t c = 0; c < answers.size(); ++c) {
         const double x = kLeft + kCell * (static_cast<double>(c) + 0.5);
         canvas.vertical_text({x, kTop - 10.0 - 0.5 * Canvas::text_width(answers[c], 11)}, answers[c], 11);
