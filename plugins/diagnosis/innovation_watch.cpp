@@ -11,7 +11,7 @@ constexpr double kStrong = 0.5;        // a marker takes part if its statistic i
 constexpr double kRigidSpread = 0.35;  // shifts of all markers alike within this share: the camera moved, not the body
 constexpr double kSmoothing = 0.25;    // of the level that tells who is shifted, and how
 constexpr double kMaxCorrelation = 0.95;
-constexpr double kLeastSpread = 1e-3;  // of z
+constexpr double kLeastSpread = 1e-3;  // variance of e
 
 double run_length(double k, double h) {
     const double b = 2.0 * k * (h + kOvershoot);

@@ -20,7 +20,7 @@ namespace teres {
 
 struct InnovationWatchOptions {
     double false_alarm_period_s = 7200.0;  ///< twice the promised hour: z is not exactly Gaussian
-    double drift = 1.75;                    ///< k, half the smallest shift looked for, in standard deviations
+    double drift = 1.75;                   ///< k, half the smallest shift looked for, in standard deviations
     double learning_s = 5.0;               ///< no alarm before; level, spread and correlation are learnt
     double forgetting_s = 60.0;            ///< level and spread follow slow changes
     double clip = 3.0;                     ///< a few wild values are no shift

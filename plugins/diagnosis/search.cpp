@@ -35,7 +35,7 @@ bool may_be_support(const EffectEntry& entry) {
 // While it lives, fits of this problem are given up that would leave a misfit beyond this one, or begin beyond `start`.
 class GivenUpBeyond {
   public:
-    explicit GivenUpBeyond(Problem& problem, double misfit, double start = std::numeric_limits<double>::infinity())
+    GivenUpBeyond(Problem& problem, double misfit, double start = std::numeric_limits<double>::infinity())
         : problem_(problem) {
         problem.out_of_reach = misfit;
         problem.worst_start = start;

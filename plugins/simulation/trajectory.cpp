@@ -39,7 +39,7 @@ Result<std::unique_ptr<Trajectory>> Trajectory::make(const Case& c, const Player
     t->effects_ = make_effects(t->player_->scene());
     t->case_ = c;
     t->settings_ = settings;
-    t->add_variants();
+    t->variants_ = model_variants(c, settings, t->player_->scene());
     return t;
 }
 
@@ -79,16 +79,9 @@ void Trajectory::surface_triangles(std::span<std::int32_t> node) const noexcept 
     for (std::size_t t = 0; t < surface.size(); ++t) std::copy_n(surface[t].begin(), 3, node.begin() + 3 * t);
 }
 
-void Trajectory::start_base(const Hypothesis& h) {
-    base_ = std::make_shared<Base>();
-    base_->theta.assign(h.theta.begin(), h.theta.end());
-    for (const auto& e : h.effects) base_->values.emplace_back(e.values.begin(), e.values.end());
-    for (std::size_t e = 0; e < h.effects.size(); ++e) base_->effects.push_back({h.effects[e].index, base_->values[e]});
-}
-
 TrajectoryReport Trajectory::simulate(const Hypothesis& h, std::span<double> markers_m, std::span<double> points_m,
                                       std::span<double> nodes_m) noexcept {
-    whole_ = std::make_shared<Base>();
+    whole_ = std::make_shared<BaseTrajectory>();
     return play_all(h, markers_m, points_m, nodes_m, nullptr);
 }
 
@@ -98,8 +91,8 @@ TrajectoryReport Trajectory::play_all(const Hypothesis& h, std::span<double> mar
     CaseModel& model = player_->model();
     const std::size_t dofs = 3 * model.num_nodes(), markers = 3 * num_markers(), points = 3 * num_points(),
                       corners = 3 * num_nodes(), state = model.num_state();
-    const std::shared_ptr<const Base> before = base_;
-    start_base(h);
+    const std::shared_ptr<const BaseTrajectory> before = base_;
+    base_ = std::make_shared<BaseTrajectory>(h);
 
     std::vector<std::int32_t> frames(num_frames());
     std::iota(frames.begin(), frames.end(), 0);
@@ -120,21 +113,7 @@ TrajectoryReport Trajectory::play_all(const Hypothesis& h, std::span<double> mar
         if (!points_m.empty()) model.predict_points(whole, points_m.subspan(f * points, points));
         if (!nodes_m.empty()) std::copy_n(whole.data(), corners, &nodes_m[f * corners]);
     }
-    // Velocities and accelerations by differences between frames: what frames cannot resolve is not looked
-    // at.
-    const std::size_t F = base_->x.size();
-    if (player_->scene().dynamic)
-        for (std::size_t f = 0; f < F; ++f) {
-            const std::size_t m = std::clamp<std::size_t>(f, 1, std::max<std::size_t>(F, 3) - 2);
-            if (F < 3) {
-                base_->v.push_back(VectorXd::Zero(base_->x[f].size()));
-                base_->a.push_back(base_->v.back());
-                continue;
-            }
-            const double step = player_->step_s(m);
-            base_->v.push_back((base_->x[m + 1] - base_->x[m - 1]) / (2.0 * step));
-            base_->a.push_back((base_->x[m + 1] - 2.0 * base_->x[m] + base_->x[m - 1]) / (step * step));
-        }
+    if (player_->scene().dynamic) base_->differentiate([&](std::size_t f) { return player_->step_s(f); });
     return report;
 }
 
@@ -189,16 +168,16 @@ TrajectoryReport Trajectory::approximate(const Hypothesis& h, std::span<double> 
     const auto rows = static_cast<Eigen::Index>(3 * num_markers()), frames = static_cast<Eigen::Index>(F);
     if (player_->scene().dynamic) return move_in_subspace(h, markers_m);
     if (F <= kFewFrames || (base_->x.empty() && whole_->x.empty())) return simulate(h, markers_m, {}, {});
-    const std::shared_ptr<const Base> before = base_;
-    if (!whole_->x.empty()) base_ = std::exchange(whole_, std::make_shared<Base>());
+    const std::shared_ptr<const BaseTrajectory> before = base_;
+    if (!whole_->x.empty()) base_ = std::exchange(whole_, std::make_shared<BaseTrajectory>());
     MatrixXd change(rows, frames);
     const bool predicted = first_order({&h, 1}, {change.data(), static_cast<std::size_t>(change.size())}, {});
     ExternalActions actions;
     player_->enter(time_s(0), h, effects_, actions);
     const bool memory = !player_->scene().viscosity.empty();
     if (!predicted || memory) return simulate(h, markers_m, {}, {});
-    whole_ = std::exchange(base_, std::make_shared<Base>());
-    start_base(h);
+    whole_ = std::exchange(base_, std::make_shared<BaseTrajectory>());
+    base_ = std::make_shared<BaseTrajectory>(h);
     // Tangents stay those of solved frames: one between them is not in equilibrium and may be near singular.
     base_->compliance = whole_->compliance;
     base_->nearest = whole_->nearest;
@@ -259,7 +238,8 @@ MatrixXd Trajectory::motions_under(const Hypothesis& h) const {
 
     const std::size_t every = std::max<std::size_t>(1, F / kStaticFrames);
     MatrixXd statics = MatrixXd::Zero(pattern.num_rows(), static_cast<Eigen::Index>((F + every - 1) / every));
-    visit_changes({toward(h, 1.0)}, [&](std::size_t f, std::size_t, const Coefficients&, const VectorXd& dg) {
+    visit_changes({point_between(base_->at, h, 1.0, effects_)}, [&](std::size_t f, std::size_t, const Coefficients&,
+                                                                    const VectorXd& dg) {
         if (f % every != 0) return;
         for (Eigen::Index i = 0; i < dg.size() / 3; ++i)
             if (const auto row = pattern.free_index(static_cast<NodeIndex>(i)); row >= 0)
@@ -280,11 +260,11 @@ MatrixXd Trajectory::motions_under(const Hypothesis& h) const {
 // approximate() of a dynamic case: forces of the whole mesh, motion in a subspace about the last whole trajectory.
 TrajectoryReport Trajectory::move_in_subspace(const Hypothesis& h, std::span<double> markers_m) {
     if (base_->x.empty() && whole_->x.empty()) return simulate(h, markers_m, {}, {});
-    if (!whole_->x.empty()) base_ = std::exchange(whole_, std::make_shared<Base>());
+    if (!whole_->x.empty()) base_ = std::exchange(whole_, std::make_shared<BaseTrajectory>());
     if (!base_->with_markers) prepare_compliances(false);
     if (!base_->modal) return simulate(h, markers_m, {}, {});
     SubspaceSolver subspace(player_->model().system(), player_->settings().model.equilibrium, motions_under(h));
-    whole_ = std::exchange(base_, std::make_shared<Base>());
+    whole_ = std::exchange(base_, std::make_shared<BaseTrajectory>());
     return play_all(h, markers_m, {}, {}, &subspace);
 }
 
@@ -318,7 +298,7 @@ void Trajectory::enter_frame(const Hypothesis& h, std::size_t f, ViscousMemory& 
     if (scene.viscosity.empty()) return;
     memory.enter_step(scene.viscosity, player_->step_s(f), scene.body_points());
     std::vector<std::vector<double>> S;
-    const FrameState& state = stresses_at(f);
+    const BaseTrajectory::FrameState& state = base_->stresses_at(f, scene.parts.body);
     for (std::size_t s = 0; s < state.size(); ++s)
         if (scene.parts.body.points()[s].part.shear != 0.0) S.emplace_back(state[s].S.begin(), state[s].S.end());
     std::vector<const std::vector<double>*> stress;
@@ -344,26 +324,11 @@ bool Trajectory::factorise(const Hypothesis& h, const ExternalActions& actions, 
     return factor.factorised();
 }
 
-// Made when they are first asked for, by whoever asks: many hypotheses leave the body's material alone.
-const Trajectory::FrameState& Trajectory::stresses_at(std::size_t frame) const {
-    std::call_once(base_->stresses_made, [&] {
-        const Body& body = player_->scene().parts.body;
-        base_->frame.resize(base_->x.size());
-        std::vector<double> S, psi, F;
-        for (std::size_t f = 0; f < base_->x.size(); ++f)
-            for (const auto& set : body.points()) {
-                elastic_stress(set, body.material(), base_->x[f].data(), S, &psi, &F);
-                base_->frame[f].push_back({{S.begin(), S.end()}, {psi.begin(), psi.end()}, {F.begin(), F.end()}});
-            }
-    });
-    return base_->frame[frame];
-}
-
 // Of the scene as it is now, at x.
 void Trajectory::prepare_compliance(const ExternalActions& actions, const VectorXd& x, bool points,
-                                    Compliance& out) const {
+                                    BaseTrajectory::Compliance& out) const {
     if (!factor_) factor_ = std::make_unique<Cholesky>(player_->model().system().pattern());
-    if (!factorise(base_->hypothesis(), actions, x, *factor_)) return;
+    if (!factorise(base_->at.hypothesis(), actions, x, *factor_)) return;
     const auto rows = [&](MatrixXd Ht) -> Eigen::MatrixXf {
         factor_->solve(Ht);
         return Ht.transpose().cast<float>();
@@ -378,7 +343,7 @@ void Trajectory::prepare_compliances_at(const std::vector<std::size_t>& knots, s
     ExternalActions actions;
     ViscousMemory memory;
     for (std::size_t f = 0; f < base_->x.size(); ++f) {
-        enter_frame(base_->hypothesis(), f, memory, actions);
+        enter_frame(base_->at.hypothesis(), f, memory, actions);
         for (std::size_t k = first; k < knots.size(); k += stride)
             if (knots[k] == f) prepare_compliance(actions, base_->x[f], points, base_->compliance[k]);
     }
@@ -387,7 +352,7 @@ void Trajectory::prepare_compliances_at(const std::vector<std::size_t>& knots, s
 // Runs `theirs` on the twin, about the base of this one, beside `ours`.
 template <class Theirs, class Ours>
 void Trajectory::beside_twin(const Theirs& theirs, const Ours& ours) const {
-    const std::shared_ptr<Base> twins_base = std::exchange(twin_->base_, base_);
+    const std::shared_ptr<BaseTrajectory> twins_base = std::exchange(twin_->base_, base_);
     auto other = std::async(std::launch::async, [&] { theirs(*twin_); });
     ours();
     other.get();
@@ -410,6 +375,13 @@ void Trajectory::prepare_compliances(bool points) const {
     base_->with_points = base_->with_points || points;
 }
 
+// Makes of the base what first-order responses need; false if its tangent cannot be factorised.
+bool Trajectory::can_respond(bool points) const {
+    if (!base_->with_markers || (points && !base_->with_points)) prepare_compliances(points);
+    return std::none_of(base_->compliance.begin(), base_->compliance.end(),
+                        [](const auto& c) { return c.markers.size() == 0; });
+}
+
 // A dynamic base: one compliance next to its mean state, and the modes there.
 bool Trajectory::prepare_modes(bool points) const {
     Scene& scene = player_->scene();
@@ -424,7 +396,7 @@ bool Trajectory::prepare_modes(bool points) const {
     base_->nearest.assign(num_frames, 0);
     base_->compliance.resize(1);
     ExternalActions actions;
-    player_->enter(time_s(num_frames - 1), base_->hypothesis(), effects_, actions);  // without memory
+    player_->enter(time_s(num_frames - 1), base_->at.hypothesis(), effects_, actions);  // without memory
     prepare_compliance(actions, middle, points, base_->compliance.front());
     if (!factor_->factorised()) return false;
     VectorXd mass(pattern.num_rows());
@@ -446,7 +418,7 @@ void Trajectory::change_of_gradient(const Hypothesis& h, const ExternalActions& 
     const Scene& scene = player_->scene();
     gradient_of_rest(actions, frame, dg);
     dg -= base.g_rest;
-    const bool same_theta = std::equal(h.theta.begin(), h.theta.end(), base_->theta.begin(), base_->theta.end());
+    const bool same_theta = std::equal(h.theta.begin(), h.theta.end(), base_->at.theta.begin(), base_->at.theta.end());
     if (scene.ties_touched || base.ties_touched || !same_theta) {
         double energy = 0.0;
         dg -= base.g_ties;
@@ -456,7 +428,7 @@ void Trajectory::change_of_gradient(const Hypothesis& h, const ExternalActions& 
     const auto& sets = scene.parts.body.points();
     for (std::size_t s = 0; s < sets.size(); ++s) {
         const StrainPoints& now = sets[s];
-        const BodyState& state = stresses_at(frame)[s];
+        const BaseTrajectory::BodyState& state = base_->stresses_at(frame, scene.parts.body)[s];
         const auto &scale = base.scale[s], &prestress = base.prestress[s];
         const double mu = now.part.shear * scene.parts.body.material().mu();
         const double b_now = now.stiffening != 0.0 ? now.stiffening / mu : 0.0,
@@ -482,43 +454,11 @@ void Trajectory::change_of_gradient(const Hypothesis& h, const ExternalActions& 
     }
 }
 
-Trajectory::Point Trajectory::toward(const Hypothesis& other, double share) const {
-    const auto between = [&](EffectTransform transform, double from, double to) {
-        if (from == to) return from;
-        return transform == EffectTransform::kLog && from > 0.0 && to > 0.0 ? from * std::pow(to / from, share)
-                                                                            : from + share * (to - from);
-    };
-    const auto values_in = [](std::span<const EffectInstance> effects, std::size_t e) -> std::span<const double> {
-        for (const auto& on : effects)
-            if (static_cast<std::size_t>(on.index) == e) return on.values;
-        return {};
-    };
-    Point point;
-    for (std::size_t p = 0; p < other.theta.size(); ++p)
-        point.theta.push_back(between(EffectTransform::kLog, base_->theta[p], other.theta[p]));
-    std::vector<std::int32_t> index;
-    for (std::size_t e = 0; e < effects_.size(); ++e) {
-        const auto from = values_in(base_->effects, e), to = values_in(other.effects, e);
-        if (from.empty() && to.empty()) continue;
-        auto& values = point.values.emplace_back();
-        index.push_back(static_cast<std::int32_t>(e));
-        const auto& parameters = effects_[e]->description().parameters;
-        for (std::size_t p = 0; p < parameters.size(); ++p) {  // an effect that is off: null amplitudes, the same shape
-            const bool amplitude = parameters[p].role == EffectRole::kAmplitude;
-            const double a = !from.empty() ? from[p] : amplitude ? parameters[p].null_value : to[p];
-            const double b = !to.empty() ? to[p] : amplitude ? parameters[p].null_value : from[p];
-            values.push_back(between(parameters[p].transform, a, b));
-        }
-    }
-    for (std::size_t k = 0; k < index.size(); ++k) point.effects.push_back({index[k], point.values[k]});
-    return point;
-}
-
 bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<double> markers_m,
                              std::span<double> points_m) noexcept {
     if (base_->x.empty()) return false;
     if (share_ && others.size() > 1 && points_m.empty()) {
-        if (!first_order({}, {}, {})) return false;  // makes of the base what both need
+        if (!can_respond(false)) return false;  // what both need
         const std::size_t mine = others.size() / 2, rows = mine * 3 * num_markers() * num_frames();
         bool ours = false, theirs = false;
         share_ = false;
@@ -531,18 +471,16 @@ bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<doubl
     const bool with_points = !points_m.empty();
     TERES_CHECK(markers_m.size() == others.size() * F * M);
     TERES_CHECK(!with_points || points_m.size() == others.size() * F * P);
-    if (!base_->with_markers || (with_points && !base_->with_points)) prepare_compliances(with_points);
+    if (!can_respond(with_points)) return false;
     Scene& scene = player_->scene();
-    for (const Compliance& c : base_->compliance)
-        if (c.markers.size() == 0) return false;
 
-    std::vector<Point> points;
-    for (const Hypothesis& other : others) points.push_back(toward(other, kDerivativeStep));
+    std::vector<HypothesisPoint> points;
+    for (const Hypothesis& other : others) points.push_back(point_between(base_->at, other, kDerivativeStep, effects_));
     std::vector<ModalResponse::State> motion(others.size());
     const auto& pattern = player_->model().system().pattern();
     VectorXd force = VectorXd::Zero(pattern.num_rows()), dz, dp;
     visit_changes(points, [&](std::size_t f, std::size_t k, const Coefficients& base, const VectorXd& dg) {
-        const Compliance& C = base_->compliance[base_->nearest[f]];
+        const BaseTrajectory::Compliance& C = base_->compliance[base_->nearest[f]];
         dz.setZero(static_cast<Eigen::Index>(M));
         dp.setZero(static_cast<Eigen::Index>(with_points ? P : 0));
         force.setZero();
@@ -570,9 +508,9 @@ bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<doubl
 }
 
 // Frame by frame, the change of the gradient at the base trajectory when its hypothesis gives way to each other one.
-void Trajectory::visit_changes(const std::vector<Point>& others, const ChangeVisitor& visit) const {
+void Trajectory::visit_changes(const std::vector<HypothesisPoint>& others, const ChangeVisitor& visit) const {
     Scene& scene = player_->scene();
-    const Hypothesis h = base_->hypothesis();
+    const Hypothesis h = base_->at.hypothesis();
     ViscousMemory base_memory;
     std::vector<ViscousMemory> memory(others.size());
     Coefficients base;
@@ -611,9 +549,7 @@ bool Trajectory::marker_compliance(std::int32_t node, std::span<double> out) con
     TERES_CHECK(out.size() == num_frames() * M * 3);
     if (base_->x.empty() || player_->scene().dynamic || node < 0 || static_cast<std::size_t>(node) >= num_nodes())
         return false;
-    if (!base_->with_markers) prepare_compliances(false);
-    for (const Compliance& c : base_->compliance)
-        if (c.markers.size() == 0) return false;
+    if (!can_respond(false)) return false;
     const auto row = 3 * static_cast<Eigen::Index>(player_->model().system().pattern().free_index(node));
     for (std::size_t f = 0; f < num_frames(); ++f)
         for (std::size_t r = 0; r < M; ++r)
@@ -627,11 +563,11 @@ bool Trajectory::marker_compliance(std::int32_t node, std::span<double> out) con
 
 bool Trajectory::effect_forces(std::size_t which, std::span<double> rms_n) const noexcept {
     TERES_CHECK(rms_n.size() == num_nodes());
-    if (base_->x.empty() || which >= base_->effects.size()) return false;
-    Point without{base_->theta, base_->values, {}};
+    if (base_->x.empty() || which >= base_->at.effects.size()) return false;
+    HypothesisPoint without{base_->at.theta, base_->at.values, {}};
     without.values.erase(without.values.begin() + static_cast<std::ptrdiff_t>(which));
-    for (std::size_t k = 0, v = 0; k < base_->effects.size(); ++k)
-        if (k != which) without.effects.push_back({base_->effects[k].index, without.values[v++]});
+    for (std::size_t k = 0, v = 0; k < base_->at.effects.size(); ++k)
+        if (k != which) without.effects.push_back({base_->at.effects[k].index, without.values[v++]});
     std::fill(rms_n.begin(), rms_n.end(), 0.0);
     visit_changes({without}, [&](std::size_t, std::size_t, const Coefficients&, const VectorXd& dg) {
         for (std::size_t i = 0; i < rms_n.size(); ++i)
@@ -639,32 +575,6 @@ bool Trajectory::effect_forces(std::size_t which, std::span<double> rms_n) const
     });
     for (double& f : rms_n) f = std::sqrt(f / static_cast<double>(num_frames()));
     return true;
-}
-
-void Trajectory::add_variants() {
-    const auto add = [&](std::string name, std::function<void(Case&, PlayerSettings&)> change) {
-        variants_.push_back({std::move(name), std::move(change)});
-    };
-    const bool dynamic = player_->scene().dynamic;  // 10-node tetrahedra would take minutes for a second of motion
-    if (settings_.model.element != ElementType::kQuadratic && !dynamic)
-        add("10-node tetrahedra", [](Case&, PlayerSettings& s) { s.model.element = ElementType::kQuadratic; });
-    add("nodal shear", [](Case&, PlayerSettings& s) { s.model.shear_blend = 0.1; });
-    add("element shear", [](Case&, PlayerSettings& s) { s.model.shear_blend = 1.0; });
-    // The atlas says where a ligament may hold, not with which nodes of a group.
-    if (player_->scene().tethers.ligament_end > 0) {
-        add("ligament to one side", [](Case&, PlayerSettings& s) { s.model.ligament.lean = 0.5; });
-        add("ligament to the other side", [](Case&, PlayerSettings& s) { s.model.ligament.lean = -0.5; });
-        add("narrow ligament", [](Case&, PlayerSettings& s) { s.model.ligament.sharpness = 2.0; });
-    }
-    const BodyLaw law = case_.body.law;
-    if (law != BodyLaw::kNeoHookean)
-        add("neo-Hookean", [](Case& c, PlayerSettings&) { c.body.law = BodyLaw::kNeoHookean; });
-    if (law != BodyLaw::kStVK)
-        add("Saint Venant-Kirchhoff", [](Case& c, PlayerSettings&) { c.body.law = BodyLaw::kStVK; });
-    if (law == BodyLaw::kOgden)
-        for (const double alpha : {-2.0, 4.0})
-            add("Ogden alpha " + std::to_string(static_cast<int>(alpha)),
-                [alpha](Case& c, PlayerSettings&) { c.body.alpha = alpha; });
 }
 
 TrajectoryReport Trajectory::simulate_variant(std::size_t index, const Hypothesis& h,

@@ -10,12 +10,11 @@
 
 #include <functional>
 #include <memory>
-#include <mutex>
 #include <string>
 #include <vector>
 
-#include "plugins/simulation/cholesky.h"
-#include "plugins/simulation/modal_response.h"
+#include "plugins/simulation/base_trajectory.h"
+#include "plugins/simulation/model_variants.h"
 #include "plugins/simulation/scene_player.h"
 
 namespace teres {
@@ -69,33 +68,6 @@ class Trajectory final : public TrajectoryModel {
     const std::vector<std::unique_ptr<Effect>>& effects() const { return effects_; }
 
   private:
-    struct Variant {
-        std::string name;
-        std::function<void(Case& c, PlayerSettings& settings)> change;
-    };
-    // The base trajectory and what first_order() needs of it.
-    struct BodyState {  // of a set of strain points, elastic_stress()
-        std::vector<float> S, psi, F;
-    };
-    using FrameState = std::vector<BodyState>;  // per set
-    struct Compliance {                         // rows x free dofs
-        Eigen::MatrixXf markers, points;
-    };
-    struct Base {
-        std::vector<double> theta;
-        std::vector<std::vector<double>> values;
-        std::vector<EffectInstance> effects;
-        std::vector<Eigen::VectorXd> x, v, a;  // per frame, 3N; v, a: dynamic
-        std::once_flag stresses_made;
-        std::vector<FrameState> frame;                // stresses_at(); made on first use, as all below
-        std::vector<Compliance> compliance;           // of a dynamic case: one, next to the mean state
-        std::vector<std::size_t> nearest;             // compliance of each frame
-        std::unique_ptr<ModalResponse> modal;         // dynamic
-        Eigen::MatrixXd modal_markers, modal_points;  // H phi
-        std::unique_ptr<Cholesky> tangent;            // dynamic: where the modes are taken
-        bool with_markers = false, with_points = false;
-        Hypothesis hypothesis() const { return {theta, effects}; }
-    };
     // A scene's coefficients at a frame: all that its gradient depends on besides the body's state.
     struct Coefficients {
         bool body_touched = false, ties_touched = false;
@@ -104,20 +76,11 @@ class Trajectory final : public TrajectoryModel {
         Eigen::VectorXd g_ties, g_rest;  // gradient of tethers, of all but body and tethers (3N)
         double rayleigh_mass_1_s = 0.0, rayleigh_stiffness_s = 0.0;
     };
-    /// A hypothesis with its own storage.
-    struct Point {
-        std::vector<double> theta;
-        std::vector<std::vector<double>> values;
-        std::vector<EffectInstance> effects;
-        Hypothesis hypothesis() const { return {theta, effects}; }
-    };
-    /// The point a share of the way from the base to `other`, in transformed parameters.
-    Point toward(const Hypothesis& other, double share) const;
 
     Trajectory() = default;
     using ChangeVisitor =
         std::function<void(std::size_t frame, std::size_t other, const Coefficients& base, const Eigen::VectorXd& dg)>;
-    void visit_changes(const std::vector<Point>& others, const ChangeVisitor& visit) const;
+    void visit_changes(const std::vector<HypothesisPoint>& others, const ChangeVisitor& visit) const;
     TrajectoryReport play_all(const Hypothesis& h, std::span<double> markers_m, std::span<double> points_m,
                               std::span<double> nodes_m, SubspaceSolver* subspace);
     TrajectoryReport play_frames(const Hypothesis& h, std::span<const std::int32_t> frames,
@@ -126,15 +89,13 @@ class Trajectory final : public TrajectoryModel {
     Eigen::MatrixXd motions_under(const Hypothesis& h) const;
     TrajectoryReport play_at(ScenePlayer& player, const Hypothesis& h, std::span<const std::int32_t> frames,
                              std::span<double> markers_m) const;
-    void start_base(const Hypothesis& h);
-    void add_variants();
-    const FrameState& stresses_at(std::size_t frame) const;
     void prepare_compliance(const ExternalActions& actions, const Eigen::VectorXd& x, bool points,
-                            Compliance& out) const;
+                            BaseTrajectory::Compliance& out) const;
     void prepare_compliances_at(const std::vector<std::size_t>& knots, std::size_t first, std::size_t stride,
                                 bool points) const;
     void prepare_compliances(bool points) const;
     bool prepare_modes(bool points) const;
+    bool can_respond(bool points) const;
     template <class Theirs, class Ours>
     void beside_twin(const Theirs& theirs, const Ours& ours) const;
     bool factorise(const Hypothesis& h, const ExternalActions& actions, const Eigen::VectorXd& x,
@@ -151,11 +112,11 @@ class Trajectory final : public TrajectoryModel {
     std::unique_ptr<Trajectory> twin_;
     std::size_t horizon_ = 0;
     std::vector<std::unique_ptr<Effect>> effects_;
-    std::vector<Variant> variants_;
+    std::vector<ModelVariant> variants_;
     // Never null; a base's frames are made on first use. The twin may look at it as well.
-    std::shared_ptr<Base> base_ = std::make_shared<Base>();
+    std::shared_ptr<BaseTrajectory> base_ = std::make_shared<BaseTrajectory>();
     // The last trajectory of which every frame was solved, while base_ is an approximate one.
-    std::shared_ptr<Base> whole_ = std::make_shared<Base>();
+    std::shared_ptr<BaseTrajectory> whole_ = std::make_shared<BaseTrajectory>();
     bool share_ = false;
     mutable std::unique_ptr<Cholesky> factor_;  // of tangents at bases
 };
