@@ -4,6 +4,8 @@
 #include <dlfcn.h>
 #include <omp.h>
 
+#include <algorithm>
+#include <cmath>
 #include <mutex>
 
 #include "core/check.h"
@@ -93,6 +95,20 @@ bool Cholesky::factorise(const std::vector<double>& values) noexcept {
     const int ok = cholmod_factorize(&A, impl_->factor, &impl_->common);
     impl_->ready = ok != 0 && impl_->common.status == CHOLMOD_OK && impl_->factor->minor == impl_->factor->n;
     return impl_->ready;
+}
+
+bool Cholesky::factorise_shifted(std::vector<double>& values, int& factorisations, double first_share) noexcept {
+    const auto& start = impl_->pattern.column_start();
+    const auto rows = static_cast<std::size_t>(impl_->pattern.num_rows());
+    double mean = 0.0;
+    for (std::size_t j = 0; j < rows; ++j) mean += std::abs(values[static_cast<std::size_t>(start[j])]);
+    mean /= static_cast<double>(std::max<std::size_t>(1, rows));
+    for (double shift = 0.0; shift < mean; shift = shift == 0.0 ? first_share * mean : 10.0 * shift) {
+        for (std::size_t j = 0; j < rows && shift > 0.0; ++j) values[static_cast<std::size_t>(start[j])] += shift;
+        ++factorisations;
+        if (factorise(values)) return true;
+    }
+    return false;
 }
 
 bool Cholesky::factorised() const {

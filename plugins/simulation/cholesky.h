@@ -32,6 +32,9 @@ class Cholesky {
 
     /// [loop] False if the matrix is not positive definite; then solve() must not be called.
     bool factorise(const std::vector<double>& values) noexcept;
+    /// [loop] An indefinite matrix (compressed StVK, slack supports) is shifted along its diagonal, in place, until it
+    /// is positive definite: by first_share of the mean diagonal, then ten times as much, ... False beyond the mean.
+    bool factorise_shifted(std::vector<double>& values, int& factorisations, double first_share = 1e-6) noexcept;
     bool factorised() const;
     /// [loop] Solves K Y = B for all columns in place; B is num_rows() x k, column-major.
     void solve(Eigen::Ref<Eigen::MatrixXd> B) noexcept;

@@ -336,7 +336,6 @@ bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& in
     double energy = 0.0;
     double norm = evaluate(alone, energy);
     const auto& pattern = system_.pattern();
-    const auto& start = pattern.column_start();
     const auto may_go_on = [&] {
         return settings_.newton_budget == 0 || report.newton_steps < settings_.newton_budget;
     };
@@ -345,18 +344,7 @@ bool EquilibriumSolver::newton(const ExternalActions& actions, const Inertia& in
          ++iteration, ++report.newton_steps) {
         for (std::size_t d = 0; d < dofs; ++d) w.positions.data()[d] = alone[d * kPackLanes];
         if (!system_.tangent(actions, lane_inertia, 0, theta_one.data(), w.positions, w.values)) break;
-        double mean = 0.0;
-        const auto rows = static_cast<std::size_t>(pattern.num_rows());
-        for (std::size_t j = 0; j < rows; ++j) mean += std::abs(w.values[static_cast<std::size_t>(start[j])]);
-        mean /= static_cast<double>(std::max<std::size_t>(1, rows));
-        bool definite = false;
-        for (double shift = 0.0; shift < mean && !definite; shift = shift == 0.0 ? 1e-6 * mean : 10.0 * shift) {
-            if (shift > 0.0)
-                for (std::size_t j = 0; j < rows; ++j) w.values[static_cast<std::size_t>(start[j])] += shift;
-            ++report.factorisations;
-            definite = w.own->factorise(w.values);
-        }
-        if (!definite) break;
+        if (!w.own->factorise_shifted(w.values, report.factorisations)) break;
         auto rhs = w.rhs.leftCols(1);
         for (std::size_t i = 0; i < system_.num_nodes(); ++i)
             if (const auto row = pattern.free_index(static_cast<NodeIndex>(i)); row >= 0)

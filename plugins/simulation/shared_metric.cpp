@@ -24,19 +24,7 @@ bool SharedMetric::read(const ExternalActions& actions, const Inertia& inertia, 
 }
 
 bool SharedMetric::factorise(TaskTeam& team, int& factorisations) noexcept {
-    // Indefinite (compressed StVK, slack supports): shift the diagonal until it is a usable metric.
-    const auto& start = system_.pattern().column_start();
-    const auto rows = static_cast<std::size_t>(system_.pattern().num_rows());
-    double mean = 0.0;
-    for (std::size_t j = 0; j < rows; ++j) mean += std::abs(values_[static_cast<std::size_t>(start[j])]);
-    mean /= static_cast<double>(std::max<std::size_t>(1, rows));
-    bool definite = false;
-    for (double shift = 0.0; shift < mean && !definite; shift = shift == 0.0 ? 1e-6 * mean : 10.0 * shift) {
-        for (std::size_t j = 0; j < rows && shift > 0.0; ++j) values_[static_cast<std::size_t>(start[j])] += shift;
-        ++factorisations;
-        definite = cholesky_.factorise(values_);
-    }
-    if (!definite) return false;
+    if (!cholesky_.factorise_shifted(values_, factorisations)) return false;
     solver_.renew(cholesky_);
     correction_.renew(solver_, team);
     usable_ = true;

@@ -29,6 +29,7 @@ constexpr std::size_t kStaticFrames = 4;     // at which a change is followed st
 constexpr double kNoMotion = 1e-12;          // m
 constexpr std::size_t kSolvedShare = 3;      // approximate(): one in so many frames is solved
 constexpr std::size_t kFewFrames = 24;       // ... of more than these
+constexpr double kFirstShift = 1e-8;         // of the mean diagonal of an indefinite tangent
 constexpr std::size_t kFewShared = 8;        // frames that are not worth another thread
 
 }  // namespace
@@ -314,14 +315,8 @@ bool Trajectory::factorise(const Hypothesis& h, const ExternalActions& actions, 
     std::vector<double> values;
     const Positions positions = Eigen::Map<const Positions>(x.data(), 3, x.size() / 3);
     if (!system.tangent(actions, {}, 0, h.theta.data(), positions, values)) return false;
-    const auto& start = system.pattern().column_start();
-    const auto rows = static_cast<std::size_t>(system.pattern().num_rows());
-    double mean = 0.0;
-    for (std::size_t j = 0; j < rows; ++j) mean += std::abs(values[static_cast<std::size_t>(start[j])]);
-    mean /= static_cast<double>(rows);
-    for (double shift = 1e-8 * mean; !factor.factorise(values) && shift < mean; shift *= 10.0)
-        for (std::size_t j = 0; j < rows; ++j) values[static_cast<std::size_t>(start[j])] += shift;
-    return factor.factorised();
+    int tries = 0;
+    return factor.factorise_shifted(values, tries, kFirstShift);
 }
 
 // Of the scene as it is now, at x.
