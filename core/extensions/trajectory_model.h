@@ -87,7 +87,8 @@ class TrajectoryModel : public EffectCatalogue {
     /// is what may not be blamed on the patient.
     virtual std::size_t num_variants() const noexcept = 0;
     virtual const char* variant_name(std::size_t index) const noexcept = 0;
-    /// Simulates variant `index` at the given frames only (ascending); markers_m has 3 M per listed frame.
+    /// Simulates variant `index` at the given frames only (ascending), from where the body was at them at the last
+    /// simulate(); markers_m has 3 M per listed frame, NaN where it does not converge. Several threads may ask at once.
     virtual TrajectoryReport simulate_variant(std::size_t index, const Hypothesis& h,
                                               std::span<const std::int32_t> frames,
                                               std::span<double> markers_m) noexcept = 0;
@@ -95,8 +96,8 @@ class TrajectoryModel : public EffectCatalogue {
     /// The same recording by a model with a state of its own, so that another thread can ask it: made on the first
     /// call, owned by this one, which must outlive its use. Null: there is none.
     virtual TrajectoryModel* twin() noexcept { return nullptr; }
-    /// While on, calls of this model may take a share of their work to the twin: nobody else asks that meanwhile. Off at
-    /// the beginning. A trajectory then differs within the residual at which its frames end.
+    /// While on, calls of this model may take a share of their work to the twin: nobody else asks that meanwhile. Off
+    /// at the beginning. A trajectory then differs within the residual at which its frames end.
     virtual void share_with_twin(bool /*on*/) noexcept {}
 
   protected:

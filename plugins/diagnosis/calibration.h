@@ -9,6 +9,8 @@ struct Calibration {
     double nu = 45.0;
     /// Bonus of the answer `none` [nats].
     double none_bonus = 3.5;
+    /// Evidence for any effect, where all that it explains may be the model's own error, is at most this [nats].
+    double within_floor = 4.0;
     /// Probabilities are p^(1/temperature): sealed cases were right less often than untempered ones said.
     double temperature = 1.5;
     /// Prior cost of every effect beyond the first [nats].

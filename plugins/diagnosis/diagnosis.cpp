@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "plugins/diagnosis/gap_map.h"
 #include "plugins/diagnosis/search.h"
@@ -11,6 +12,7 @@ namespace teres {
 namespace {
 
 constexpr double kNearlyAll = 0.97;  // explained: nothing is left for one more effect
+constexpr double kFailure = 4.0;     // mean square of held-out frames over that of fitted ones
 
 // A recording as far as it goes under assumptions that were fitted elsewhere or on its beginning.
 struct Forecast {
@@ -71,6 +73,7 @@ Result<std::vector<Transfer>> transfer(Problem& here, Forecast& forecast_here, c
         Simulator simulator(*recordings[k].mechanics, recordings[k].sensors, effects);
         Problem there{simulator, other, here.options, {}, {}};
         there.discrepancy.columns.resize(static_cast<Eigen::Index>(simulator.num_rows()), 0);
+        there.discrepancy.remainder_m = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(simulator.num_frames()));
         Eigen::VectorXd motion;
         simulator.simulate(nominal.at, motion);
         there.whitener = whitener_for(other, there.discrepancy, motion, here.options.calibration);
@@ -139,20 +142,11 @@ const Cause* Diagnosis::named() const {
                : nullptr;
 }
 
-Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const EffectTable& effects,
-                           const DiagnosisOptions& options) {
-    Diagnosis out;
-    out.name = recordings[0].name;
-    TERES_TRY_ASSIGN(out.recording, make_recording(recordings[0]));
-    Simulator simulator(*recordings[0].mechanics, recordings[0].sensors, effects);
-    const Sharing together(*recordings[0].mechanics, true);
-    TERES_TRY_ASSIGN(Discrepancy discrepancy,
-                     discrepancy_of(simulator, options.cache, recordings[0].body_hash, stage(options, "model error")));
-    Problem problem{simulator, out.recording, options, std::move(discrepancy), {}};
-    TERES_TRY_ASSIGN(const std::unique_ptr<Outlook> outlook,
-                     Outlook::make(recordings[0], effects, options.calibration));
-    problem.outlook = outlook.get();
+namespace {
 
+// Nominal fit, search, verdict.
+Result<void> find_causes(Problem& problem, const GapRecording& recording, const EffectTable& effects, Diagnosis& out) {
+    const DiagnosisOptions& options = problem.options;
     // What the nominal model can explain, and whether anything is left.
     stage(options, "nominal fit")(0.0);
     out.nominal = nominal_fit(problem);
@@ -162,10 +156,10 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     // Several hypotheses are fitted two at a time where the model has a twin.
     std::optional<Simulator> second;
     std::optional<Problem> beside;
-    if (TrajectoryModel* twin = recordings[0].mechanics->twin(); twin != nullptr) {
-        second.emplace(*twin, recordings[0].sensors, effects);
-        beside.emplace(Problem{*second, out.recording, options, problem.discrepancy, problem.whitener, problem.floor,
-                               problem.outlook});
+    if (TrajectoryModel* twin = recording.mechanics->twin(); twin != nullptr) {
+        second.emplace(*twin, recording.sensors, effects);
+        beside.emplace(Problem{*second, problem.recording, options, problem.discrepancy, problem.whitener,
+                               problem.floor, problem.outlook});
         problem.beside = &*beside;
     }
 
@@ -184,8 +178,44 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
         if (out.nominal.cost > problem.floor.total() && look_again(problem, out.nominal, out.screening, causes))
             add_more();
     }
+    problem.beside = nullptr;
     out.verdict = judge(std::move(causes), out.nominal.compared_cost(), problem.floor, options.calibration);
     out.significant = out.verdict.none_probability < 0.5;
+    return {};
+}
+
+// Whether what is named leaves several times as much of the frames held out as of those fitted, or as the model may be
+// off: it stands for something else, or something begins late that a large gap hid from nominal_fit().
+bool fails_later(Problem& problem, const Diagnosis& d) {
+    const Cause* named = d.named();
+    const Recording& r = problem.recording;
+    if (named == nullptr || !r.held_markers.empty() || problem.simulator.mechanics().dynamic()) return false;
+    const double floor = problem.floor.total() / problem.whitener.inverse_sigma().squaredNorm();
+    return mean_square(r, named->fit.trajectory, r.held_rows) >
+           kFailure * std::max(floor, mean_square(r, named->fit.trajectory, r.fit_rows));
+}
+
+}  // namespace
+
+Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const EffectTable& effects,
+                           const DiagnosisOptions& options) {
+    Diagnosis out;
+    out.name = recordings[0].name;
+    TERES_TRY_ASSIGN(out.recording, make_recording(recordings[0]));
+    Simulator simulator(*recordings[0].mechanics, recordings[0].sensors, effects);
+    const Sharing together(*recordings[0].mechanics, true);
+    TERES_TRY_ASSIGN(Discrepancy discrepancy,
+                     discrepancy_of(simulator, options.cache, recordings[0].body_hash, stage(options, "model error")));
+    Problem problem{simulator, out.recording, options, std::move(discrepancy), {}};
+    TERES_TRY_ASSIGN(const std::unique_ptr<Outlook> outlook,
+                     Outlook::make(recordings[0], effects, options.calibration));
+    problem.outlook = outlook.get();
+
+    TERES_TRY(find_causes(problem, recordings[0], effects, out));
+    if (fails_later(problem, out)) {  // then what is held out is needed to tell why: markers are held out instead
+        out.recording.hold_out_markers(out.named()->fit.trajectory);
+        TERES_TRY(find_causes(problem, recordings[0], effects, out));
+    }
 
     // Where it lies, how far it closes on what was held out, whether it carries over.
     const Cause* named = out.named();

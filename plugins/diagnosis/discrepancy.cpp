@@ -5,20 +5,18 @@
 #include <cmath>
 #include <cstdio>
 #include <fstream>
-#include <random>
 
 #include "plugins/diagnosis/share_work.h"
 
 namespace teres {
 namespace {
 
-constexpr int kDraws = 1;            // of the nominal parameters, the first at the prior median
-constexpr double kDrawSpread = 0.5;  // in prior standard deviations
 constexpr std::size_t kFrames = 10;  // simulated with each variant
 constexpr Eigen::Index kModes = 8;   // temporal modes of the nominal motion
 constexpr Eigen::Index kColumns = 8;
 constexpr double kLeastColumn = 1e-3;  // columns below this share of the first are dropped
-constexpr std::uint64_t kVersion = 1;  // of the method: part of the key
+constexpr double kOtherBranch = 5.0;   // times the median difference
+constexpr std::uint64_t kVersion = 2;  // of the method: part of the key
 
 std::uint64_t mix(std::uint64_t hash, std::uint64_t value) {
     for (int byte = 0; byte < 8; ++byte) hash = (hash ^ ((value >> (8 * byte)) & 0xff)) * 1099511628211ULL;
@@ -35,18 +33,23 @@ std::filesystem::path cache_file(const Simulator& simulator, const std::filesyst
     return folder / name;
 }
 
-// Native doubles: rows, columns, remainder, runs, then the columns. A cache never leaves its host.
-bool read_cache(const std::filesystem::path& file, std::size_t rows, Discrepancy& out) {
+// Native doubles: rows, columns, frames, runs, then the columns, then the remainders. A cache never leaves its host.
+bool read_cache(const std::filesystem::path& file, std::size_t rows, std::size_t frames, Discrepancy& out) {
     std::ifstream in(file, std::ios::binary);
     double head[4] = {};
     if (!in.read(reinterpret_cast<char*>(head), sizeof head)) return false;
-    if (head[0] != static_cast<double>(rows) || !(head[1] >= 0.0 && head[1] <= static_cast<double>(kColumns)))
+    if (head[0] != static_cast<double>(rows) || !(head[1] >= 0.0 && head[1] <= static_cast<double>(kColumns)) ||
+        head[2] != static_cast<double>(frames))
         return false;
     out.columns.resize(static_cast<Eigen::Index>(rows), static_cast<Eigen::Index>(head[1]));
-    out.remainder_m = head[2];
+    out.remainder_m.resize(static_cast<Eigen::Index>(frames));
     out.runs = static_cast<int>(head[3]);
-    const auto bytes = static_cast<std::streamsize>(sizeof(double) * static_cast<std::size_t>(out.columns.size()));
-    return static_cast<bool>(in.read(reinterpret_cast<char*>(out.columns.data()), bytes)) && out.columns.allFinite();
+    const auto read = [&](double* to, Eigen::Index count) {
+        const auto bytes = static_cast<std::streamsize>(sizeof(double) * static_cast<std::size_t>(count));
+        return static_cast<bool>(in.read(reinterpret_cast<char*>(to), bytes));
+    };
+    return read(out.columns.data(), out.columns.size()) && read(out.remainder_m.data(), out.remainder_m.size()) &&
+           out.columns.allFinite() && out.remainder_m.allFinite();
 }
 
 void write_cache(const std::filesystem::path& file, const Discrepancy& d) {
@@ -56,21 +59,56 @@ void write_cache(const std::filesystem::path& file, const Discrepancy& d) {
     {
         std::ofstream out(part, std::ios::binary);
         const double head[4] = {static_cast<double>(d.columns.rows()), static_cast<double>(d.columns.cols()),
-                                d.remainder_m, static_cast<double>(d.runs)};
-        out.write(reinterpret_cast<const char*>(head), sizeof head);
-        out.write(reinterpret_cast<const char*>(d.columns.data()),
-                  static_cast<std::streamsize>(sizeof(double) * static_cast<std::size_t>(d.columns.size())));
+                                static_cast<double>(d.remainder_m.size()), static_cast<double>(d.runs)};
+        const auto write = [&](const double* from, Eigen::Index count) {
+            out.write(reinterpret_cast<const char*>(from),
+                      static_cast<std::streamsize>(sizeof(double) * static_cast<std::size_t>(count)));
+        };
+        write(head, 4);
+        write(d.columns.data(), d.columns.size());
+        write(d.remainder_m.data(), d.remainder_m.size());
         if (!out) return;  // a cache that cannot be kept costs time, nothing else
     }
     std::filesystem::rename(part, file, ignored);
 }
 
+// Trajectories: channels x frames.
+Eigen::MatrixXd motion_of(const Eigen::VectorXd& trajectory, Eigen::Index channels) {
+    Eigen::MatrixXd motion =
+        Eigen::Map<const Eigen::MatrixXd>(trajectory.data(), channels, trajectory.size() / channels);
+    motion.colwise() -= Eigen::VectorXd(motion.col(0));
+    return motion;
+}
+
+// Where a variant is in the state that the nominal model is in. A frame at which it does not converge or is many times
+// as far away as it mostly is has another equilibrium next to it: that says how far it may be off, not in which shape.
+struct Nearby {
+    std::vector<Eigen::Index> frames;
+    Eigen::VectorXd elsewhere;  // mean square per row at the others, else 0 [m^2]
+};
+Nearby nearby(const Eigen::MatrixXd& difference) {
+    const Eigen::VectorXd size = difference.colwise().norm();
+    std::vector<double> moved{0.0};
+    for (const double s : size)
+        if (s > 0.0) moved.push_back(s);
+    const auto middle = moved.begin() + static_cast<std::ptrdiff_t>(moved.size() / 2);
+    std::nth_element(moved.begin(), middle, moved.end());
+    const double most = kOtherBranch * *middle;
+    Nearby out{{}, Eigen::VectorXd::Zero(size.size())};
+    for (Eigen::Index k = 0; k < size.size(); ++k)
+        if (size(k) <= most)
+            out.frames.push_back(k);
+        else
+            out.elsewhere(k) =
+                std::pow(std::isfinite(size(k)) ? size(k) : most, 2) / static_cast<double>(difference.rows());
+    return out;
+}
+
 // Difference at the listed frames to all frames, through the temporal modes of the nominal motion.
 Eigen::VectorXd spread_in_time(const Eigen::MatrixXd& at_frames, const std::vector<std::int32_t>& frames,
                                const Eigen::VectorXd& nominal, Eigen::Index channels) {
-    const Eigen::Index all = nominal.size() / channels;
-    Eigen::MatrixXd motion = Eigen::Map<const Eigen::MatrixXd>(nominal.data(), channels, all);
-    motion.colwise() -= Eigen::VectorXd(motion.col(0));
+    const Eigen::MatrixXd motion = motion_of(nominal, channels);
+    const Eigen::Index all = motion.cols();
     const Eigen::BDCSVD<Eigen::MatrixXd> svd(motion, Eigen::ComputeThinV);
     const Eigen::Index modes = std::min({kModes, svd.matrixV().cols(), static_cast<Eigen::Index>(frames.size()) / 2});
     Eigen::MatrixXd basis(all, modes + 1);  // columns: constant, modes
@@ -84,19 +122,76 @@ Eigen::VectorXd spread_in_time(const Eigen::MatrixXd& at_frames, const std::vect
     return Eigen::Map<const Eigen::VectorXd>(full.data(), full.size());
 }
 
+// Variants minus the nominal model at the listed frames, channels x frames each; empty if one hardly converges.
+Result<std::vector<Eigen::MatrixXd>> variant_differences(TrajectoryModel& model, const Assumption& at,
+                                                         const std::vector<std::int32_t>& frames,
+                                                         const Eigen::VectorXd& nominal, Eigen::Index channels,
+                                                         const Simulator::Progress& progress) {
+    std::vector<Eigen::MatrixXd> differences(model.num_variants());
+    std::atomic<bool> cancelled = false;
+    share_work(true, differences.size(), [&](std::size_t who, std::size_t v) {
+        if (cancelled) return;
+        Eigen::MatrixXd difference(channels, static_cast<Eigen::Index>(frames.size()));
+        const TrajectoryReport report = model.simulate_variant(
+            v, {at.theta, {}}, frames, {difference.data(), static_cast<std::size_t>(difference.size())});
+        for (std::size_t k = 0; k < frames.size(); ++k)
+            difference.col(static_cast<Eigen::Index>(k)) -= nominal.segment(channels * frames[k], channels);
+        const int least = model.dynamic() ? report.frames : (report.frames + 1) / 2;
+        if (report.frames_converged >= least) differences[v] = std::move(difference);
+        if (who == 0 && progress)
+            cancelled = !progress(static_cast<double>(v + 1) / static_cast<double>(differences.size()));
+    });
+    if (cancelled) return not_usable("cancelled");
+    return differences;
+}
+
+// Leading columns of the ensemble; how far it goes where it leaves the nominal state.
+Discrepancy condense(std::vector<Eigen::MatrixXd> differences, const std::vector<std::int32_t>& frames,
+                     const Eigen::VectorXd& nominal, Eigen::Index channels, bool dynamic) {
+    const Eigen::MatrixXd motion = motion_of(nominal, channels);
+    const Eigen::Index F = motion.cols(), listed = static_cast<Eigen::Index>(frames.size());
+    Eigen::MatrixXd all(nominal.size(), 0);
+    Eigen::VectorXd elsewhere = Eigen::VectorXd::Zero(listed);
+    for (Eigen::MatrixXd& difference : differences) {
+        if (difference.size() == 0) continue;
+        all.conservativeResize(Eigen::NoChange, all.cols() + 1);
+        if (dynamic || (listed == F && difference.allFinite())) {
+            all.col(all.cols() - 1) = difference.reshaped();
+            continue;
+        }
+        const Nearby near = nearby(difference);
+        elsewhere += near.elsewhere;
+        std::vector<std::int32_t> at_frames;
+        for (const Eigen::Index k : near.frames) at_frames.push_back(frames[static_cast<std::size_t>(k)]);
+        all.col(all.cols() - 1) = spread_in_time(difference(Eigen::all, near.frames), at_frames, nominal, channels);
+    }
+    Discrepancy out;
+    out.runs = static_cast<int>(all.cols());
+    out.columns.resize(all.rows(), 0);
+    out.remainder_m = Eigen::VectorXd::Zero(F);
+    if (out.runs == 0) return out;
+    const Eigen::BDCSVD<Eigen::MatrixXd> svd(all / std::sqrt(static_cast<double>(out.runs)), Eigen::ComputeThinU);
+    const Eigen::VectorXd& s = svd.singularValues();
+    Eigen::Index kept = 0;
+    while (kept < std::min<Eigen::Index>(kColumns, s.size()) && s(kept) > kLeastColumn * s(0)) ++kept;
+    out.columns = svd.matrixU().leftCols(kept) * s.head(kept).asDiagonal();
+    const double left = s.tail(s.size() - kept).squaredNorm() / static_cast<double>(all.rows());
+    for (Eigen::Index f = 0; f < F; ++f) {  // elsewhere: as the listed frame of the nearest shape
+        Eigen::Index nearest = 0;
+        (motion(Eigen::all, frames).colwise() - motion.col(f)).colwise().squaredNorm().minCoeff(&nearest);
+        out.remainder_m(f) = std::sqrt(left + elsewhere(nearest) / static_cast<double>(out.runs));
+    }
+    return out;
+}
+
 }  // namespace
 
 Result<Discrepancy> discrepancy_of(Simulator& simulator, const std::filesystem::path& cache, std::uint64_t key,
                                    const Simulator::Progress& progress) {
     TrajectoryModel& model = simulator.mechanics();
     Discrepancy out;
-    const std::size_t variants = model.num_variants();
-    if (variants == 0) {
-        out.columns.resize(static_cast<Eigen::Index>(simulator.num_rows()), 0);
-        return out;
-    }
     const std::filesystem::path file = cache.empty() ? cache : cache_file(simulator, cache, key);
-    if (!file.empty() && read_cache(file, simulator.num_rows(), out)) {
+    if (!file.empty() && read_cache(file, simulator.num_rows(), simulator.num_frames(), out)) {
         out.from_cache = true;
         return out;
     }
@@ -106,61 +201,13 @@ Result<Discrepancy> discrepancy_of(Simulator& simulator, const std::filesystem::
         frames.push_back(
             static_cast<std::int32_t>(k * (simulator.num_frames() - 1) / std::max<std::size_t>(1, count - 1)));
     const auto channels = static_cast<Eigen::Index>(3 * simulator.num_markers());
-
-    std::mt19937 generator(20);
-    std::normal_distribution<double> normal;
-    Eigen::MatrixXd all(static_cast<Eigen::Index>(simulator.num_rows()), 0);
-    for (int draw = 0; draw < kDraws; ++draw) {
-        Assumption assumption;
-        for (std::size_t i = 0; i < model.num_parameters(); ++i) {
-            const NominalParameter p = model.parameter(i);
-            const double z = draw == 0 ? 0.0 : kDrawSpread * normal(generator);
-            assumption.theta.push_back(
-                std::clamp(std::exp(p.prior_log_mean + p.prior_log_stdev * z), p.lower, p.upper));
-        }
-        Eigen::VectorXd nominal;
-        if (!simulator.simulate(assumption, nominal)) {
-            if (draw == 0) return not_usable("the nominal model does not converge at its prior median");
-            continue;
-        }
-        TrajectoryModel* twin = model.twin();
-        std::vector<Eigen::MatrixXd> differences(variants);
-        std::atomic<bool> cancelled = false;
-        share_work(twin != nullptr, variants, [&](std::size_t who, std::size_t v) {
-            if (cancelled) return;
-            Eigen::MatrixXd difference(channels, static_cast<Eigen::Index>(frames.size()));
-            const TrajectoryReport report =
-                (who == 0 ? model : *twin)
-                    .simulate_variant(v, {assumption.theta, {}}, frames,
-                                      {difference.data(), static_cast<std::size_t>(difference.size())});
-            if (report.frames_converged == report.frames && difference.allFinite())
-                differences[v] = std::move(difference);
-            if (who == 0 && progress)
-                cancelled = !progress(static_cast<double>(static_cast<std::size_t>(draw) * variants + v + 1) /
-                                      static_cast<double>(kDraws * variants));
-        });
-        if (cancelled) return not_usable("cancelled");
-        for (Eigen::MatrixXd& difference : differences) {
-            if (difference.size() == 0) continue;
-            for (std::size_t k = 0; k < frames.size(); ++k)
-                difference.col(static_cast<Eigen::Index>(k)) -= nominal.segment(channels * frames[k], channels);
-            all.conservativeResize(Eigen::NoChange, all.cols() + 1);
-            all.col(all.cols() - 1) = count == simulator.num_frames()
-                                          ? Eigen::VectorXd(difference.reshaped())
-                                          : spread_in_time(difference, frames, nominal, channels);
-        }
-    }
-    out.runs = static_cast<int>(all.cols());
-    if (out.runs > 0) {
-        const Eigen::BDCSVD<Eigen::MatrixXd> svd(all / std::sqrt(static_cast<double>(out.runs)), Eigen::ComputeThinU);
-        const Eigen::VectorXd& s = svd.singularValues();
-        Eigen::Index kept = 0;
-        while (kept < std::min<Eigen::Index>(kColumns, s.size()) && s(kept) > kLeastColumn * s(0)) ++kept;
-        out.columns = svd.matrixU().leftCols(kept) * s.head(kept).asDiagonal();
-        out.remainder_m = std::sqrt(s.tail(s.size() - kept).squaredNorm() / static_cast<double>(simulator.num_rows()));
-    } else {
-        out.columns.resize(static_cast<Eigen::Index>(simulator.num_rows()), 0);
-    }
+    const Assumption median = prior_median(model);
+    Eigen::VectorXd nominal;
+    if (!simulator.simulate(median, nominal))
+        return not_usable("the nominal model does not converge at its prior median");
+    TERES_TRY_ASSIGN(std::vector<Eigen::MatrixXd> differences,
+                     variant_differences(model, median, frames, nominal, channels, progress));
+    out = condense(std::move(differences), frames, nominal, channels, model.dynamic());
     if (!file.empty()) write_cache(file, out);
     return out;
 }

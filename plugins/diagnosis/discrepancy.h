@@ -17,9 +17,9 @@
 namespace teres {
 
 struct Discrepancy {
-    Eigen::MatrixXd columns;   ///< 3 M F rows [m]; no columns if the model has no variants
-    double remainder_m = 0.0;  ///< rms of what the columns leave of the ensemble, per row
-    int runs = 0;              ///< simulations behind it
+    Eigen::MatrixXd columns;      ///< 3 M F rows [m]; no columns if the model has no variants
+    Eigen::VectorXd remainder_m;  ///< rms of what the columns leave of the ensemble at each frame (F), per row
+    int runs = 0;                 ///< simulations behind it
     bool from_cache = false;
 };
 

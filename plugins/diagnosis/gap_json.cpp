@@ -185,15 +185,17 @@ Json to_json(const Diagnosis& d, const EffectTable& effects, const TrajectoryMod
                                      {"before_rms_mm", 1e3 * t.before_m},
                                      {"after_rms_mm", 1e3 * t.after_m}});
     const double used = static_cast<double>(d.recording.fit_rows.size());
-    json["evidence"] = {{"numbers_used", d.recording.fit_rows.size()},
-                        {"cost_nominal", d.nominal.cost / used},
-                        {"cost_named", named != nullptr ? Json(named->fit.cost / used) : Json(nullptr)},
-                        {"discrepancy_runs", d.discrepancy.runs},
-                        {"discrepancy_columns", d.discrepancy.columns.cols()},
-                        {"discrepancy_remainder_mm", 1e3 * d.discrepancy.remainder_m},
-                        {"noise_cost", d.error_floor.noise / used},
-                        {"model_cost", d.error_floor.model / used},
-                        {"fits", Json::array()}};
+    json["evidence"] = {
+        {"numbers_used", d.recording.fit_rows.size()},
+        {"cost_nominal", d.nominal.cost / used},
+        {"cost_named", named != nullptr ? Json(named->fit.cost / used) : Json(nullptr)},
+        {"discrepancy_runs", d.discrepancy.runs},
+        {"discrepancy_columns", d.discrepancy.columns.cols()},
+        {"discrepancy_remainder_mm",
+         1e3 * d.discrepancy.remainder_m.norm() / std::sqrt(static_cast<double>(d.discrepancy.remainder_m.size()))},
+        {"noise_cost", d.error_floor.noise / used},
+        {"model_cost", d.error_floor.model / used},
+        {"fits", Json::array()}};
     for (const Cause& cause : d.verdict.causes)
         if (cause.fit.usable)
             json["evidence"]["fits"].push_back({{"effects", names(effects, cause.entries)},

@@ -11,24 +11,16 @@ namespace {
 constexpr double kLateRatio =
     3.0;  // mean square of the unfitted end over that of the fitted part: something happens late
 
+}  // namespace
+
 double mean_square(const Recording& r, const Eigen::VectorXd& simulated, const std::vector<Eigen::Index>& rows) {
     double sum = 0.0;
     for (const Eigen::Index row : rows) sum += std::pow(r.observed(row) - simulated(row), 2);
     return rows.empty() ? 0.0 : sum / static_cast<double>(rows.size());
 }
 
-}  // namespace
-
 Simulator::Progress stage(const DiagnosisOptions& options, const char* name) {
     return [&options, name](double part) { return !options.progress || options.progress(name, part); };
-}
-
-Assumption prior_median(const TrajectoryModel& model) {
-    Assumption a;
-    for (std::size_t i = 0; i < model.num_parameters(); ++i)
-        a.theta.push_back(std::clamp(std::exp(model.parameter(i).prior_log_mean), model.parameter(i).lower,
-                                     model.parameter(i).upper));
-    return a;
 }
 
 double white_variance_m2(const Recording& recording, const Eigen::VectorXd& motion, Eigen::Index row,
@@ -45,8 +37,9 @@ Whitener whitener_for(const Recording& recording, const Discrepancy& discrepancy
     Eigen::VectorXd sigma(static_cast<Eigen::Index>(recording.fit_rows.size()));
     for (Eigen::Index k = 0; k < sigma.size(); ++k) {
         const Eigen::Index row = recording.fit_rows[static_cast<std::size_t>(k)];
-        sigma(k) =
-            std::sqrt(white_variance_m2(recording, motion, row, calibration) + std::pow(discrepancy.remainder_m, 2));
+        const auto frame = static_cast<Eigen::Index>(recording.frame_of(row));
+        sigma(k) = std::sqrt(white_variance_m2(recording, motion, row, calibration) +
+                             std::pow(discrepancy.remainder_m(frame), 2));
     }
     return tempered_whitener(recording.fit_rows, sigma, discrepancy.columns, calibration);
 }
@@ -79,7 +72,8 @@ Fit nominal_fit(Problem& problem) {
     if (!fit.usable) return fit;
     const double inside = mean_square(problem.recording, fit.trajectory, problem.recording.fit_rows);
     const double outside = mean_square(problem.recording, fit.trajectory, problem.recording.held_rows);
-    if (outside > kLateRatio * std::max(inside, std::pow(problem.recording.noise_m, 2) +
+    if (problem.recording.held_markers.empty() &&
+        outside > kLateRatio * std::max(inside, std::pow(problem.recording.noise_m, 2) +
                                                     std::pow(problem.options.calibration.white_floor_m, 2)))
         problem.recording.hold_out_markers(fit.trajectory);
     reweigh(fit.trajectory);

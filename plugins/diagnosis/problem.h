@@ -9,8 +9,8 @@ namespace teres {
 /// Progress of one stage, as the simulator asks for it.
 Simulator::Progress stage(const DiagnosisOptions& options, const char* name);
 
-/// Nominal parameters at their prior median, no effect.
-Assumption prior_median(const TrajectoryModel& model);
+/// Of observed minus simulated at the given entries [m^2]; 0 without any.
+double mean_square(const Recording& r, const Eigen::VectorXd& simulated, const std::vector<Eigen::Index>& rows);
 
 /// Variance of one number of a trajectory [m^2]: stated noise and the white part of the model's error, about `motion`.
 double white_variance_m2(const Recording& recording, const Eigen::VectorXd& motion, Eigen::Index row,

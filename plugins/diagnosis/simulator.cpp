@@ -1,6 +1,7 @@
 #include "plugins/diagnosis/simulator.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 namespace teres {
@@ -10,6 +11,14 @@ constexpr double kMaxUnconvergedShare = 0.1;  // of the frames; more and the tra
 constexpr std::size_t kBatch = 64;            // hypotheses per first_order() call: progress and memory
 
 }  // namespace
+
+Assumption prior_median(const TrajectoryModel& model) {
+    Assumption a;
+    for (std::size_t i = 0; i < model.num_parameters(); ++i)
+        a.theta.push_back(std::clamp(std::exp(model.parameter(i).prior_log_mean), model.parameter(i).lower,
+                                     model.parameter(i).upper));
+    return a;
+}
 
 Simulator::Simulator(TrajectoryModel& mechanics, const ObservationModel* sensors, const EffectTable& effects)
     : mechanics_(mechanics),

@@ -11,6 +11,9 @@
 
 namespace teres {
 
+/// Nominal parameters at their prior median, no effect.
+Assumption prior_median(const TrajectoryModel& model);
+
 class Simulator {
   public:
     /// `cancelled` is asked between batches; it gets the part done of the running batch list.

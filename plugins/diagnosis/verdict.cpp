@@ -91,7 +91,9 @@ Verdict judge(std::vector<Cause> causes, double cost_null, const ErrorFloor& flo
     double sum = std::exp(unknown - top);
     for (const Cause& cause : causes) sum += std::exp(visible_evidence(cause.score) - top);
     // Whether there is one.
-    const double something = std::max(top + std::log(sum), beyond - calibration.unknown_price);
+    const double not_ours = gain(cost_null, std::min(floor.total(), cost_null), floor, calibration);
+    const double something = std::min(std::max(top + std::log(sum), beyond - calibration.unknown_price),
+                                      not_ours + calibration.within_floor);
     verdict.none_probability = 1.0 / (1.0 + std::exp(something - calibration.none_bonus));
     verdict.unknown_probability = (1.0 - verdict.none_probability) * std::exp(unknown - top) / sum;
     for (Cause& cause : causes)

@@ -189,8 +189,21 @@ class ToyBody final : public TrajectoryModel {
     TrajectoryReport simulate_variant(std::size_t v, const Hypothesis& h, std::span<const std::int32_t> listed,
                                       std::span<double> markers) noexcept override {
         pick(v == 0 ? motion(h, 0.97) : motion(h, 1.0, 0.4), listed, markers);
-        return {static_cast<std::int32_t>(listed.size()), static_cast<std::int32_t>(listed.size()), 0.0};
+        const auto all = static_cast<std::int32_t>(listed.size());
+        std::int32_t converged = all;
+        for (std::size_t k = 0; k < listed.size(); ++k) {
+            const auto frame = markers.subspan(3 * kToyMarkers * k, 3 * kToyMarkers);
+            if (listed[k] == fails_at) {
+                std::fill(frame.begin(), frame.end(), std::nan(""));
+                --converged;
+            }
+            if (listed[k] == snaps_at && v == 1)
+                for (double& x : frame) x += 0.05;
+        }
+        return {all, converged, 0.0};
     }
+    std::int32_t snaps_at = -1;  ///< frame at which a variant finds another equilibrium, 50 mm away along each axis
+    std::int32_t fails_at = -1;  ///< frame at which no variant converges
 
     bool converges = true;
     int simulations = 0;

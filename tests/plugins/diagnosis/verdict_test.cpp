@@ -74,6 +74,17 @@ TEST(Verdict, ACauseIsNamedIfItBeatsTheBonusOfNone) {
     EXPECT_GT(judge({fitted({0}, 1.0, gain - 1.0, nominal)}, nominal, kFloor, {}).none_probability, 0.5);
 }
 
+// The nominal cost is the floor itself: an effect that explains all of it may bend our own error into place.
+TEST(Verdict, WhatTheModelsErrorMayBeIsLittleEvidence) {
+    const Cause all = fitted({0}, 0.0, 2.0, 1.0);
+    ASSERT_NEAR(all.score, 22.5 * std::log(2.0 / 1.0) - 2.0, 1e-9);
+    const Verdict within = judge({all}, 1.0, kFloor, {});
+    // exp(4 - 3.5) to one, tempered
+    EXPECT_NEAR(probability_of(within, {0}) / within.none_probability, std::exp(0.5 / 1.5), 0.02);
+    const Verdict beyond = judge({fitted({0}, 0.0, 2.0, 1.6)}, 1.6, kFloor, {});
+    EXPECT_GT(probability_of(beyond, {0}), 0.95);
+}
+
 TEST(Verdict, ProbabilitiesSumToOne) {
     const Verdict verdict =
         judge({fitted({0}, 3.0, 8.0), fitted({1}, 2.0, 9.0), fitted({0, 1}, 1.0, 20.0)}, kNominal, kFloor, {});
