@@ -88,7 +88,8 @@ class TrajectoryModel : public EffectCatalogue {
     virtual std::size_t num_variants() const noexcept = 0;
     virtual const char* variant_name(std::size_t index) const noexcept = 0;
     /// Simulates variant `index` at the given frames only (ascending), from where the body was at them at the last
-    /// simulate(); markers_m has 3 M per listed frame, NaN where it does not converge. Several threads may ask at once.
+    /// simulate(); markers_m has 3 M per listed frame, NaN at those of a quasi-static recording that do not converge.
+    /// Several threads may ask at once.
     virtual TrajectoryReport simulate_variant(std::size_t index, const Hypothesis& h,
                                               std::span<const std::int32_t> frames,
                                               std::span<double> markers_m) noexcept = 0;

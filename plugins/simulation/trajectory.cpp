@@ -583,14 +583,14 @@ TrajectoryReport Trajectory::simulate_variant(std::size_t index, const Hypothesi
     const auto player = ScenePlayer::make(c, settings);  // asked once: ten kept ones would take a gigabyte
     if (!player) return {static_cast<std::int32_t>(frames.size()), 0, 1.0};
     const auto effects = make_effects((*player)->scene());
-    if (dynamic() || base_->x.size() != num_frames()) return play_at(**player, effects, h, frames, markers_m, {});
+    if (dynamic()) return play_at(**player, effects, h, frames, markers_m, {});
     // A frame begins where the nominal body is: the way from frame to frame may be too far for one step.
     const CaseModel& model = (*player)->model();
     const auto& parts = model.system().parts();
     const std::size_t corners = num_nodes();
     std::vector<std::array<NodeIndex, 2>> edges;  // of mid-edge nodes
     if (model.num_nodes() > player_->model().num_nodes()) edges = make_quadratic(model.mesh()).edge;
-    const auto guess = [&](std::size_t f, double* x) {
+    const auto nominal = [&](std::size_t f, double* x) {
         Eigen::Map<Positions> to(x, 3, static_cast<Eigen::Index>(model.num_nodes()));
         const VectorXd& from = base_->x[f];
         std::copy_n(from.data(), std::min(from.size(), to.size()), x);
@@ -599,6 +599,8 @@ TrajectoryReport Trajectory::simulate_variant(std::size_t index, const Hypothesi
         for (std::size_t i = 0; i < parts.held.size(); ++i)
             if (parts.held[i]) to.col(static_cast<Eigen::Index>(i)) = parts.X.col(static_cast<Eigen::Index>(i));
     };
+    std::function<void(std::size_t, double*)> guess;
+    if (base_->x.size() == num_frames()) guess = nominal;
     TrajectoryReport report;  // frame by frame: which of them converges is told
     const std::size_t row = 3 * num_markers();
     for (std::size_t k = 0; k < frames.size(); ++k) {
