@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <future>
 #include <numeric>
 #include <set>
 #include <string_view>
@@ -502,6 +503,27 @@ TEST(Trajectory, VariantsConvergeAndDiffer) {
         }
         EXPECT_GT(difference, 1e-6) << t->variant_name(v);
         EXPECT_LT(difference, 0.5 * moved) << t->variant_name(v);
+    }
+}
+
+// As the gap diagnosis asks for them: two threads, one model.
+TEST(Trajectory, VariantsAskedAtOnceAreThoseAskedInTurn) {
+    auto t = *Trajectory::make(block(), exact());
+    const auto theta = prior(*t);
+    markers_under(*t, theta, {});
+    const std::vector<std::int32_t> frames{1, 3, 5};
+    const std::size_t count = t->num_variants(), rows = frames.size() * 3 * t->num_markers();
+    const auto ask = [&](std::size_t v) {
+        std::vector<double> z(rows);
+        EXPECT_EQ(t->simulate_variant(v, {theta, {}}, frames, z).frames_converged, 3) << t->variant_name(v);
+        return z;
+    };
+    std::vector<std::vector<double>> in_turn;
+    for (std::size_t v = 0; v < count; ++v) in_turn.push_back(ask(v));
+    for (std::size_t v = 0; v + 1 < count; ++v) {
+        auto other = std::async(std::launch::async, ask, v + 1);
+        EXPECT_EQ(ask(v), in_turn[v]);
+        EXPECT_EQ(other.get(), in_turn[v + 1]);
     }
 }
 
