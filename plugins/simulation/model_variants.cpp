@@ -1,8 +1,31 @@
 #include "plugins/simulation/model_variants.h"
 
+#include <algorithm>
+#include <array>
+#include <limits>
 #include <utility>
 
 namespace teres {
+namespace {
+
+// Where the default model's body is, for a model with the same corners and perhaps mid-edge nodes.
+ScenePlayer::Guess from_nominal(const CaseModel& model, std::span<const Eigen::VectorXd> nominal) {
+    const auto nodes = static_cast<Eigen::Index>(model.num_nodes());
+    std::vector<std::array<NodeIndex, 2>> edges;  // of mid-edge nodes
+    if (!nominal.empty() && 3 * nodes > nominal.front().size()) edges = make_quadratic(model.mesh()).edge;
+    return [&model, nominal, nodes, edges = std::move(edges)](std::size_t f, double* x) {
+        const auto& parts = model.system().parts();
+        Eigen::Map<Positions> to(x, 3, nodes);
+        const Eigen::VectorXd& from = nominal[f];
+        std::copy_n(from.data(), std::min(from.size(), to.size()), x);
+        auto middle = nodes - static_cast<Eigen::Index>(edges.size());
+        for (const auto& [a, b] : edges) to.col(middle++) = 0.5 * (to.col(a) + to.col(b));
+        for (Eigen::Index i = 0; i < nodes; ++i)
+            if (parts.held[static_cast<std::size_t>(i)]) to.col(i) = parts.X.col(i);
+    };
+}
+
+}  // namespace
 
 std::vector<ModelVariant> model_variants(const Case& c, const PlayerSettings& settings, const Scene& scene) {
     std::vector<ModelVariant> variants;
@@ -30,6 +53,33 @@ std::vector<ModelVariant> model_variants(const Case& c, const PlayerSettings& se
             add("Ogden alpha " + std::to_string(static_cast<int>(alpha)),
                 [alpha](Case& other, PlayerSettings&) { other.body.alpha = alpha; });
     return variants;
+}
+
+TrajectoryReport play_variant(const ModelVariant& variant, const Case& c, const PlayerSettings& settings,
+                              const Hypothesis& h, std::span<const std::int32_t> frames,
+                              std::span<const Eigen::VectorXd> nominal, std::span<double> markers_m) {
+    Case other = c;
+    PlayerSettings other_settings = settings;
+    other_settings.soft_clamps = false;
+    variant.change(other, other_settings);
+    const auto made = ScenePlayer::make(other, other_settings);  // asked once: ten kept ones would take a gigabyte
+    if (!made) return {static_cast<std::int32_t>(frames.size()), 0, 1.0};
+    ScenePlayer& player = **made;
+    const auto effects = make_effects(player.scene());
+    if (player.scene().dynamic) return player.play_markers(h, effects, frames, markers_m);
+    // The way from frame to frame may be too far for one step.
+    const ScenePlayer::Guess guess = nominal.empty() ? ScenePlayer::Guess{} : from_nominal(player.model(), nominal);
+    TrajectoryReport report;  // frame by frame: which of them converges is told
+    const std::size_t row = 3 * player.model().num_markers();
+    for (std::size_t k = 0; k < frames.size(); ++k) {
+        const auto markers = markers_m.subspan(k * row, row);
+        const TrajectoryReport one = player.play_markers(h, effects, frames.subspan(k, 1), markers, guess);
+        if (one.frames_converged == 0)
+            std::fill(markers.begin(), markers.end(), std::numeric_limits<double>::quiet_NaN());
+        report = {report.frames + 1, report.frames_converged + one.frames_converged,
+                  std::max(report.relative_residual, one.relative_residual)};
+    }
+    return report;
 }
 
 }  // namespace teres

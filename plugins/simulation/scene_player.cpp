@@ -181,9 +181,8 @@ ScenePlayer::StepResult ScenePlayer::rest_at(double t_s, const KnownLoads& loads
 }
 
 TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
-                                   std::span<const std::int32_t> frames, const Visitor& visit,
-                                   const std::function<void(std::size_t, double*)>& guess, std::size_t horizon,
-                                   SubspaceSolver* subspace) {
+                                   std::span<const std::int32_t> frames, const Visitor& visit, const Guess& guess,
+                                   std::size_t horizon, SubspaceSolver* subspace) {
     TERES_CHECK(h.theta.size() == model_->num_parameters());
     const std::size_t dofs = 3 * model_->num_nodes();
     const bool dynamic = scene_->dynamic;
@@ -240,6 +239,20 @@ TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::u
         visit(f, state_.data());
     }
     return report;
+}
+
+TrajectoryReport ScenePlayer::play_markers(const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
+                                           std::span<const std::int32_t> frames, std::span<double> markers_m,
+                                           const Guess& guess) {
+    const std::size_t row = 3 * model_->num_markers(), dofs = 3 * model_->num_nodes();
+    TERES_CHECK(markers_m.size() == frames.size() * row);
+    std::vector<double> whole(model_->num_state(), 0.0);
+    std::size_t k = 0;
+    const auto see = [&](std::size_t, const double* x) {
+        std::copy_n(x, dofs, whole.begin());
+        model_->observe(whole, markers_m.subspan(k++ * row, row), 1);
+    };
+    return play(h, effects, frames, see, guess);
 }
 
 }  // namespace teres

@@ -55,14 +55,18 @@ class ScenePlayer {
 
     /// state: positions, then (dynamic) velocities and accelerations, 3 per node each.
     using Visitor = std::function<void(std::size_t frame, const double* state)>;
+    using Guess = std::function<void(std::size_t frame, double* x)>;
     /// Plays all frames in order; `visit` sees those listed in `frames` (ascending; empty: all). guess(frame,
     /// x) may improve the start value of a quasi-static frame. A quasi-static body without memory skips other
     /// frames. horizon: frames from there on are left out; 0: none.
     /// subspace: of a dynamic body's motion; null: all of the mesh moves.
     TrajectoryReport play(const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
-                          std::span<const std::int32_t> frames, const Visitor& visit,
-                          const std::function<void(std::size_t frame, double* x)>& guess = {}, std::size_t horizon = 0,
-                          SubspaceSolver* subspace = nullptr);
+                          std::span<const std::int32_t> frames, const Visitor& visit, const Guess& guess = {},
+                          std::size_t horizon = 0, SubspaceSolver* subspace = nullptr);
+    /// play() as the markers see it: 3 per marker [m] at each of the listed frames.
+    TrajectoryReport play_markers(const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
+                                  std::span<const std::int32_t> frames, std::span<double> markers_m,
+                                  const Guess& guess = {});
 
   private:
     ScenePlayer() = default;

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <future>
-#include <limits>
 #include <numeric>
 #include <utility>
 
@@ -576,65 +575,14 @@ bool Trajectory::effect_forces(std::size_t which, std::span<double> rms_n) const
 TrajectoryReport Trajectory::simulate_variant(std::size_t index, const Hypothesis& h,
                                               std::span<const std::int32_t> frames,
                                               std::span<double> markers_m) noexcept {
-    Case c = case_;
-    PlayerSettings settings = settings_;
-    settings.soft_clamps = false;
-    variants_[index].change(c, settings);
-    const auto player = ScenePlayer::make(c, settings);  // asked once: ten kept ones would take a gigabyte
-    if (!player) return {static_cast<std::int32_t>(frames.size()), 0, 1.0};
-    const auto effects = make_effects((*player)->scene());
-    if (dynamic()) return play_at(**player, effects, h, frames, markers_m, {});
-    // A frame begins where the nominal body is: the way from frame to frame may be too far for one step.
-    const CaseModel& model = (*player)->model();
-    const auto& parts = model.system().parts();
-    const std::size_t corners = num_nodes();
-    std::vector<std::array<NodeIndex, 2>> edges;  // of mid-edge nodes
-    if (model.num_nodes() > player_->model().num_nodes()) edges = make_quadratic(model.mesh()).edge;
-    const auto nominal = [&](std::size_t f, double* x) {
-        Eigen::Map<Positions> to(x, 3, static_cast<Eigen::Index>(model.num_nodes()));
-        const VectorXd& from = base_->x[f];
-        std::copy_n(from.data(), std::min(from.size(), to.size()), x);
-        for (std::size_t k = 0; k < edges.size(); ++k)
-            to.col(static_cast<Eigen::Index>(corners + k)) = 0.5 * (to.col(edges[k][0]) + to.col(edges[k][1]));
-        for (std::size_t i = 0; i < parts.held.size(); ++i)
-            if (parts.held[i]) to.col(static_cast<Eigen::Index>(i)) = parts.X.col(static_cast<Eigen::Index>(i));
-    };
-    std::function<void(std::size_t, double*)> guess;
-    if (base_->x.size() == num_frames()) guess = nominal;
-    TrajectoryReport report;  // frame by frame: which of them converges is told
-    const std::size_t row = 3 * num_markers();
-    for (std::size_t k = 0; k < frames.size(); ++k) {
-        const auto markers = markers_m.subspan(k * row, row);
-        const TrajectoryReport one = play_at(**player, effects, h, frames.subspan(k, 1), markers, guess);
-        if (one.frames_converged == 0)
-            std::fill(markers.begin(), markers.end(), std::numeric_limits<double>::quiet_NaN());
-        report = {report.frames + 1, report.frames_converged + one.frames_converged,
-                  std::max(report.relative_residual, one.relative_residual)};
-    }
-    return report;
+    std::span<const VectorXd> nominal;
+    if (base_->x.size() == num_frames()) nominal = base_->x;
+    return play_variant(variants_[index], case_, settings_, h, frames, nominal, markers_m);
 }
 
 TrajectoryReport Trajectory::simulate_at(const Hypothesis& h, std::span<const std::int32_t> frames,
                                          std::span<double> markers_m) noexcept {
-    return play_at(*player_, effects_, h, frames, markers_m, {});
-}
-
-TrajectoryReport Trajectory::play_at(ScenePlayer& player, const std::vector<std::unique_ptr<Effect>>& effects,
-                                     const Hypothesis& h, std::span<const std::int32_t> frames,
-                                     std::span<double> markers_m,
-                                     const std::function<void(std::size_t, double*)>& guess) {
-    CaseModel& model = player.model();
-    const std::size_t markers = 3 * model.num_markers(), dofs = 3 * model.num_nodes();
-    TERES_CHECK(markers_m.size() == frames.size() * markers);
-    std::vector<double> whole(model.num_state(), 0.0);
-    std::size_t k = 0;
-    return player.play(
-        h, effects, frames,
-        [&](std::size_t, const double* x) {
-            std::copy_n(x, dofs, whole.begin());
-            model.observe(whole, markers_m.subspan(k++ * markers, markers), 1);
-        },
-        guess);
+    return player_->play_markers(h, effects_, frames, markers_m);
 }
 
 }  // namespace teres

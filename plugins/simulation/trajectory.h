@@ -87,10 +87,6 @@ class Trajectory final : public TrajectoryModel {
                                  const std::vector<Eigen::VectorXd>& before, const ScenePlayer::Visitor& visit);
     TrajectoryReport move_in_subspace(const Hypothesis& h, std::span<double> markers_m);
     Eigen::MatrixXd motions_under(const Hypothesis& h) const;
-    static TrajectoryReport play_at(ScenePlayer& player, const std::vector<std::unique_ptr<Effect>>& effects,
-                                    const Hypothesis& h, std::span<const std::int32_t> frames,
-                                    std::span<double> markers_m,
-                                    const std::function<void(std::size_t, double*)>& guess);
     void prepare_compliance(const ExternalActions& actions, const Eigen::VectorXd& x, bool points,
                             BaseTrajectory::Compliance& out) const;
     void prepare_compliances_at(const std::vector<std::size_t>& knots, std::size_t first, std::size_t stride,
