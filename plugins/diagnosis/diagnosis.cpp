@@ -132,18 +132,6 @@ void close_on_held_out(Diagnosis& out, Forecast& forecast, const Fit& best, cons
     out.best_wrong_effects = ids(effects, wrong->entries);
 }
 
-}  // namespace
-
-const Cause* Diagnosis::named() const {
-    if (verdict.causes.empty()) return nullptr;
-    const Cause& top = verdict.causes.front();
-    return top.fit.usable && top.probability >= std::max(verdict.none_probability, verdict.unknown_probability)
-               ? &top
-               : nullptr;
-}
-
-namespace {
-
 // Nominal fit, search, verdict.
 Result<void> find_causes(Problem& problem, const GapRecording& recording, const EffectTable& effects, Diagnosis& out) {
     const DiagnosisOptions& options = problem.options;
@@ -196,6 +184,14 @@ bool fails_later(Problem& problem, const Diagnosis& d) {
 }
 
 }  // namespace
+
+const Cause* Diagnosis::named() const {
+    if (verdict.causes.empty()) return nullptr;
+    const Cause& top = verdict.causes.front();
+    return top.fit.usable && top.probability >= std::max(verdict.none_probability, verdict.unknown_probability)
+               ? &top
+               : nullptr;
+}
 
 Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const EffectTable& effects,
                            const DiagnosisOptions& options) {
