@@ -104,19 +104,23 @@ Nearby nearby(const Eigen::MatrixXd& difference) {
     return out;
 }
 
-// Difference at the listed frames to all frames, through the temporal modes of the nominal motion.
-Eigen::VectorXd spread_in_time(const Eigen::MatrixXd& at_frames, const std::vector<std::int32_t>& frames,
-                               const Eigen::VectorXd& nominal, Eigen::Index channels) {
-    const Eigen::MatrixXd motion = motion_of(nominal, channels);
-    const Eigen::Index all = motion.cols();
+// Columns: constant, then the leading temporal modes of the motion (frames x columns).
+Eigen::MatrixXd temporal_modes(const Eigen::MatrixXd& motion) {
     const Eigen::BDCSVD<Eigen::MatrixXd> svd(motion, Eigen::ComputeThinV);
-    const Eigen::Index modes = std::min({kModes, svd.matrixV().cols(), static_cast<Eigen::Index>(frames.size()) / 2});
-    Eigen::MatrixXd basis(all, modes + 1);  // columns: constant, modes
-    basis.col(0).setConstant(1.0 / std::sqrt(static_cast<double>(all)));
+    const Eigen::Index modes = std::min(kModes, svd.matrixV().cols());
+    Eigen::MatrixXd basis(motion.cols(), modes + 1);
+    basis.col(0).setConstant(1.0 / std::sqrt(static_cast<double>(motion.cols())));
     basis.rightCols(modes) = svd.matrixV().leftCols(modes);
-    std::vector<Eigen::Index> picked(frames.begin(), frames.end());
-    const Eigen::MatrixXd some = basis(picked, Eigen::all);
-    const Eigen::MatrixXd H = some.transpose() * some + 1e-4 * Eigen::MatrixXd::Identity(modes + 1, modes + 1);
+    return basis;
+}
+
+// Difference at the listed frames to all frames, through temporal modes: at most one for two frames.
+Eigen::VectorXd spread_in_time(const Eigen::MatrixXd& at_frames, const std::vector<Eigen::Index>& frames,
+                               const Eigen::MatrixXd& temporal) {
+    const Eigen::Index count = std::min(temporal.cols(), static_cast<Eigen::Index>(frames.size()) / 2 + 1);
+    const auto basis = temporal.leftCols(count);
+    const Eigen::MatrixXd some = basis(frames, Eigen::all);
+    const Eigen::MatrixXd H = some.transpose() * some + 1e-4 * Eigen::MatrixXd::Identity(count, count);
     const Eigen::MatrixXd coefficients = H.ldlt().solve(some.transpose() * at_frames.transpose());
     const Eigen::MatrixXd full = (basis * coefficients).transpose();  // channels x frames
     return Eigen::Map<const Eigen::VectorXd>(full.data(), full.size());
@@ -136,8 +140,9 @@ Result<std::vector<Eigen::MatrixXd>> variant_differences(TrajectoryModel& model,
             v, {at.theta, {}}, frames, {difference.data(), static_cast<std::size_t>(difference.size())});
         for (std::size_t k = 0; k < frames.size(); ++k)
             difference.col(static_cast<Eigen::Index>(k)) -= nominal.segment(channels * frames[k], channels);
-        const int least = model.dynamic() ? report.frames : (report.frames + 1) / 2;
-        if (report.frames_converged >= least) differences[v] = std::move(difference);
+        const bool usable = model.dynamic() ? report.frames_converged == report.frames && difference.allFinite()
+                                            : 2 * report.frames_converged >= report.frames;
+        if (usable) differences[v] = std::move(difference);
         if (who == 0 && progress)
             cancelled = !progress(static_cast<double>(v + 1) / static_cast<double>(differences.size()));
     });
@@ -149,6 +154,7 @@ Result<std::vector<Eigen::MatrixXd>> variant_differences(TrajectoryModel& model,
 Discrepancy condense(std::vector<Eigen::MatrixXd> differences, const std::vector<std::int32_t>& frames,
                      const Eigen::VectorXd& nominal, Eigen::Index channels, bool dynamic) {
     const Eigen::MatrixXd motion = motion_of(nominal, channels);
+    const Eigen::MatrixXd temporal = temporal_modes(motion);
     const Eigen::Index F = motion.cols(), listed = static_cast<Eigen::Index>(frames.size());
     Eigen::MatrixXd all(nominal.size(), 0);
     Eigen::VectorXd elsewhere = Eigen::VectorXd::Zero(listed);
@@ -161,9 +167,9 @@ Discrepancy condense(std::vector<Eigen::MatrixXd> differences, const std::vector
         }
         const Nearby near = nearby(difference);
         elsewhere += near.elsewhere;
-        std::vector<std::int32_t> at_frames;
+        std::vector<Eigen::Index> at_frames;
         for (const Eigen::Index k : near.frames) at_frames.push_back(frames[static_cast<std::size_t>(k)]);
-        all.col(all.cols() - 1) = spread_in_time(difference(Eigen::all, near.frames), at_frames, nominal, channels);
+        all.col(all.cols() - 1) = spread_in_time(difference(Eigen::all, near.frames), at_frames, temporal);
     }
     Discrepancy out;
     out.runs = static_cast<int>(all.cols());
