@@ -108,14 +108,18 @@ void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause)
     cause.explained = explained_share(nominal.compared_cost(), cause.fit.compared_cost(), floor);
     if (base == nullptr) return;
     // A further effect is worth what it gains beside looser forms of the known ones. What even both leave is an error
-    // of form that the known ones alone have too.
+    // of form that the known ones alone have too. A sensor has few and global degrees of freedom: an error of form that
+    // it explains is not expected beforehand.
     const Calibration& c = problem.options.calibration;
     const double alone = floor.above(base->misfit),
                  misfit = misfit_under(problem, base->looser, cause.fit, nominal.u.size()), both = floor.above(misfit),
                  rest = problem.simulator.mechanics().dynamic() || !mechanical(problem, base->known)
                             ? 0.0
                             : std::max(0.0, misfit - floor.total()),
-                 form = form_error(problem, nominal, base->known) + c.rest_is_form * rest;
+                 expected = problem.simulator.effects()[cause.entries.back()].sensor
+                                ? 0.0
+                                : form_error(problem, nominal, base->known),
+                 form = expected + c.rest_is_form * rest;
     const double gain = std::log(floor.above(base->known.misfit) / floor.above(cause.misfit)),
                  gain_beside_forms = std::log((alone + form) / (both + form));
     cause.score -= 0.5 * c.nu * std::max(0.0, gain - gain_beside_forms);

@@ -8,9 +8,10 @@ namespace teres {
 /// What one more effect is searched on top of: known effects, which may be off in their form (form_columns.h).
 struct Base {
     const Cause& known;
-    Whitener looser;  ///< with the columns of their forms
-    Fit fit;          ///< theirs, completed under `looser`
-    double misfit;    ///< of `fit`, misfit_of()
+    Whitener looser;            ///< with the columns of their forms
+    Fit fit;                    ///< theirs, completed under `looser`
+    double misfit;              ///< of `fit`, misfit_of()
+    bool sensors_only = false;  ///< what is left is so little that mechanics could be the known effects' error of form
 };
 
 /// One more effect on top of what is known (null: of the nominal fit), refitted with everything free.
@@ -37,7 +38,7 @@ const Cause* fitted_alone(const std::vector<Cause>& causes, std::size_t entry);
 /// Best score first.
 void sort_by_score(std::vector<Cause>& causes);
 
-/// Cost that `known` leaves because a mechanical effect never has quite the form of the catalogue's.
+/// Cost that `known` may leave because a mechanical effect never has quite the form of the catalogue's.
 double form_error(const Problem& problem, const Fit& nominal, const Cause& known);
 
 }  // namespace teres

@@ -107,6 +107,15 @@ std::vector<std::size_t> worth_refitting(const Screening& screening, std::size_t
     return chosen;
 }
 
+// Effects that are not screened on top of `base`.
+std::vector<std::size_t> left_out(const EffectTable& effects, const Base* base) {
+    if (base == nullptr) return {};
+    std::vector<std::size_t> out = base->known.entries;
+    for (std::size_t e = 0; e < effects.size(); ++e)
+        if (base->sensors_only && !effects[e].sensor) out.push_back(e);
+    return out;
+}
+
 // Adds what is worth refitting and not yet among `chosen`.
 void choose(const Screening& screening, std::size_t by_score, std::size_t by_share,
             std::vector<EffectScreening>& chosen) {
@@ -312,13 +321,15 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base
     const Fit& from = base != nullptr ? base->fit : nominal;
     const Whitener& whitener = base != nullptr ? base->looser : problem.whitener;
     const Signatures all =
-        signatures(problem.simulator, from, known != nullptr ? known->entries : std::vector<std::size_t>{},
+        signatures(problem.simulator, from, left_out(problem.simulator.effects(), base),
                    stage(options, known == nullptr ? "screening effects" : "screening further effects"));
     const std::size_t frames = problem.recording.num_frames;
     const auto screen_first = [&](std::size_t num_frames) {
         return screen(problem.simulator, all, whitener, problem.floor, from, options.calibration, num_frames);
     };
     screening = screen_first(frames);
+    if (base != nullptr && base->sensors_only)  // first order is nearly exact there
+        std::erase_if(screening.effects, [](const EffectScreening& effect) { return effect.score <= 0.0; });
     std::vector<EffectScreening> chosen;
     if (problem.simulator.mechanics().dynamic())
         choose(try_beginnings(problem, from, known, screen_first(frames / 4)), 3, 1, chosen);

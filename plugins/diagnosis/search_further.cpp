@@ -21,15 +21,16 @@ Whitener looser_whitener(Problem& problem, const Fit& known) {
                              problem.options.calibration);
 }
 
-// One effect more than `known`. Nothing if looser forms of that explain what is left.
+// One effect more than `known`. Nothing if looser forms of that explain what is left; only a sensor if they might.
 std::vector<Cause> search_on_top(Problem& problem, const Fit& nominal, const Cause& known) {
     Base base{known, looser_whitener(problem, known.fit), known.fit, 0.0};
     complete(problem.simulator, base.looser, problem.recording.observed, base.fit);
     if (!base.fit.usable) return {};
     base.misfit = misfit_under(problem, base.looser, base.fit, nominal.u.size());
     const double noise = problem.simulator.noise_factor(known.fit.at);
-    if (base.fit.cost / (noise * noise) + base.fit.later < problem.floor.total() + form_error(problem, nominal, known))
-        return {};
+    const double above = base.fit.cost / (noise * noise) + base.fit.later - problem.floor.total();
+    if (above < 0.0) return {};
+    base.sensors_only = above < form_error(problem, nominal, known);
     Screening screening;
     return search(problem, nominal, &base, screening);
 }

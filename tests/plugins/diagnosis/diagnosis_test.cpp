@@ -174,6 +174,16 @@ TEST(Diagnosis, TwoCausesAreBothNamed) {
     EXPECT_LT(d->ladder[2].heldout_rms_m, d->ladder[1].heldout_rms_m);
 }
 
+// A camera that is off by less than the error of form that is expected of what else happens (5 % of what that
+// explains).
+TEST(Diagnosis, SensorBesideALargeMechanicalCauseIsNamed) {
+    const std::vector<double> soft{0.25}, shift{0.0008, -0.0006, 0.001};
+    Scene scene({{test::ToyBody::kStiffness, soft}}, {{test::ToyCamera::kRegistration, shift}});
+    const auto d = scene.run();
+    ASSERT_TRUE(d) << d.error().text;
+    EXPECT_EQ(scene.names(*d), (Names{"registration", "stiffness"})) << listing(*d, *scene.effects);
+}
+
 // A tool that comes in the frames kept for the end, behind an offset so large that the nominal fit does not see it: the
 // named offset fails there, so markers are held out instead and both are named.
 TEST(Diagnosis, LateEventBehindALargeOffsetIsNamed) {
