@@ -15,6 +15,8 @@ struct Calibration {
     double temperature = 1.5;
     /// Prior cost of every effect beyond the first [nats].
     double further_effect = 3.0;
+    /// ... and of every mechanical effect beyond the first besides: two may stand for the error of form of one.
+    double further_mechanical = 3.0;
     /// `unknown` is a cause that would leave the floor and this share of what is above it ...
     double unknown_share = 0.15;
     /// ... at the price of the best cause that does as well, and at least this [nats] ...
@@ -29,6 +31,8 @@ struct Calibration {
     /// further effect must explain more than that (besides form_columns.h). With inertia, modulus, damping and mass
     /// have the forms of the catalogue.
     double form_error = 0.05;
+    /// ... of supports: where they begin to hold differs from place to place.
+    double form_error_boundary = 0.2;
     double form_error_dynamic = 0.02;
     /// Static recordings: what is left above the floor after a further effect counts so many times as error of form of
     /// those before it.

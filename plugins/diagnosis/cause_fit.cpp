@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string_view>
 
 #include "plugins/diagnosis/shape_search.h"
 #include "plugins/diagnosis/white_noise.h"
@@ -92,10 +93,16 @@ Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const Effe
 
 double form_error(const Problem& problem, const Fit& nominal, const Cause& known) {
     const Calibration& c = problem.options.calibration;
-    return mechanical(problem, known)
-               ? (problem.simulator.mechanics().dynamic() ? c.form_error_dynamic : c.form_error) *
-                     std::max(0.0, nominal.compared_cost() - known.fit.compared_cost())
-               : 0.0;
+    double share = 0.0;
+    for (const std::size_t e : known.entries) {
+        const EffectEntry& entry = problem.simulator.effects()[e];
+        if (entry.sensor) continue;
+        const double own = problem.simulator.mechanics().dynamic()           ? c.form_error_dynamic
+                           : std::string_view(entry.info.kind) == "boundary" ? c.form_error_boundary
+                                                                             : c.form_error;
+        share = std::max(share, own);
+    }
+    return share * std::max(0.0, nominal.compared_cost() - known.fit.compared_cost());
 }
 
 void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause) {

@@ -17,11 +17,12 @@ double unexplained(double cost_null, const ErrorFloor& floor, const Calibration&
     return reached + calibration.unknown_share * (cost_null - reached);
 }
 
-// Price of the best credible cause that leaves no more than `rest`; if there is none, of the best one.
+// Price of the best credible cause that leaves no more than `rest`; if there is none, of the best one whose evidence
+// outweighs its price at all.
 double price_of_rival(const std::vector<Cause>& causes, double rest, const Calibration& calibration) {
     const Cause *best = nullptr, *sufficient = nullptr;
     for (const Cause& cause : causes) {
-        if (!cause.fit.usable) continue;
+        if (!cause.fit.usable || cause.score <= 0.0) continue;
         if (best == nullptr || cause.score > best->score) best = &cause;
         if (cause.misfit <= rest && cause.score >= calibration.none_bonus &&
             (sufficient == nullptr || cause.score > sufficient->score))
@@ -58,13 +59,17 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
             if (p.role == EffectRole::kAmplitude) amplitude.push_back(column);
             ++column;
         }
+    const auto mechanical =
+        std::count_if(cause.entries.begin(), cause.entries.end(), [&](std::size_t e) { return !effects[e].sensor; });
     const Eigen::MatrixXd J = fit.J.leftCols(theta), G = fit.J(Eigen::all, amplitude);
     const Eigen::MatrixXd H = Eigen::MatrixXd::Identity(theta, theta) + J.transpose() * J;
     const Eigen::MatrixXd S = G.transpose() * G - G.transpose() * J * H.ldlt().solve(J.transpose() * G);
     cause.price = {
         tail_price(fit.u(amplitude)),
         occam_price(calibration.nu / floor.above(std::min(fit.cost, floor.total())) * S, cause.entries.size()),
-        cause.search_cost, calibration.further_effect * static_cast<double>(cause.entries.size() - 1)};
+        cause.search_cost,
+        calibration.further_effect * static_cast<double>(cause.entries.size() - 1) +
+            calibration.further_mechanical * static_cast<double>(std::max<std::ptrdiff_t>(0, mechanical - 1))};
     cause.misfit = misfit_of(fit, theta);
     return gain(nominal.compared_cost(), cause.misfit, floor, calibration) - cause.price.total();
 }

@@ -85,6 +85,17 @@ TEST(Verdict, WhatTheModelsErrorMayBeIsLittleEvidence) {
     EXPECT_GT(probability_of(beyond, {0}), 0.95);
 }
 
+// A large gap that one effect could explain, but at a price that outweighs it: nobody knows what it is.
+TEST(Verdict, ACauseThatCostsMoreThanItExplainsLeavesUnknown) {
+    const Cause dear = fitted({0}, kFloor.total(), 40.0);
+    ASSERT_LT(dear.score, 0.0);
+    Cause screened;
+    screened.entries = {1};
+    screened.score = -0.1;
+    const Verdict verdict = judge({dear, screened}, kNominal, kFloor, {});
+    EXPECT_GT(verdict.unknown_probability, 0.9);
+}
+
 TEST(Verdict, ProbabilitiesSumToOne) {
     const Verdict verdict =
         judge({fitted({0}, 3.0, 8.0), fitted({1}, 2.0, 9.0), fitted({0, 1}, 1.0, 20.0)}, kNominal, kFloor, {});
