@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <string_view>
 
 #include "plugins/diagnosis/shape_search.h"
 #include "plugins/diagnosis/white_noise.h"
@@ -97,9 +96,9 @@ double form_error(const Problem& problem, const Fit& nominal, const Cause& known
     for (const std::size_t e : known.entries) {
         const EffectEntry& entry = problem.simulator.effects()[e];
         if (entry.sensor) continue;
-        const double own = problem.simulator.mechanics().dynamic()           ? c.form_error_dynamic
-                           : std::string_view(entry.info.kind) == "boundary" ? c.form_error_boundary
-                                                                             : c.form_error;
+        const double own = problem.simulator.mechanics().dynamic() ? c.form_error_dynamic
+                           : entry.support()                       ? c.form_error_boundary
+                                                                   : c.form_error;
         share = std::max(share, own);
     }
     return share * std::max(0.0, nominal.compared_cost() - known.fit.compared_cost());

@@ -5,6 +5,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "core/extensions/trajectory_model.h"
@@ -17,8 +18,11 @@ struct EffectEntry {
     EffectInfo info{};
     std::vector<EffectParameter> parameters;
 
-    bool applicable() const { return info.not_applicable == nullptr && !excluded; }
     bool excluded = false;
+
+    bool applicable() const { return info.not_applicable == nullptr && !excluded; }
+    /// Holds or does not, from somewhere on; loads, materials and cameras change by degrees.
+    bool support() const { return std::string_view(info.kind) == "boundary"; }
 };
 
 /// An effect switched on. `values`: physical, one per parameter.

@@ -22,14 +22,9 @@ constexpr double kLeastEarly = 0.1;       // ... of the cost of the beginning of
 constexpr std::size_t kPlaces = 3;        // from which the best answer is fitted
 constexpr double kNearby = 1.5;  // of the best answer's misfit: a fit from another place that stays beyond is given up
 
-// Supports hold or do not; loads, materials and cameras change by degrees.
-bool may_have_threshold(const EffectEntry& entry) {
-    return std::string_view(entry.info.kind) == "boundary";
-}
-
 // A lasting force or another support: what a support that holds on one side only may look like.
 bool may_be_support(const EffectEntry& entry) {
-    return !entry.info.event && (may_have_threshold(entry) || std::string_view(entry.info.kind) == "load");
+    return !entry.info.event && (entry.support() || std::string_view(entry.info.kind) == "load");
 }
 
 // While it lives, fits of this problem are given up that would leave a misfit beyond this one, or begin beyond `start`.
@@ -358,7 +353,7 @@ bool look_again(Problem& problem, const Fit& nominal, const Screening& screening
     const auto in_question = [&](std::size_t entry) {
         const EffectEntry& effect = problem.simulator.effects()[entry];
         const bool fitted = fitted_alone(causes, entry) != nullptr;
-        if (!may_have_threshold(effect)) return false;
+        if (!effect.support()) return false;
         if (offset) return !fitted && !effect.info.event;
         return fitted && (told.empty() || std::find(told.begin(), told.end(), entry) != told.end());
     };
