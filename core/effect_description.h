@@ -46,6 +46,12 @@ inline EffectParameter shape(const char* name, const char* unit, double mean, do
     return {name, unit, EffectRole::kShape, EffectTransform::kIdentity, mean, mean, stdev, lower, upper};
 }
 
+/// Shape in which the effect jumps; found by trying.
+inline EffectParameter choice(const char* name, const char* unit, double mean, double stdev, double lower,
+                              double upper) {
+    return {name, unit, EffectRole::kChoice, EffectTransform::kIdentity, mean, mean, stdev, lower, upper};
+}
+
 /// Shape that is positive: radius, frequency, time constant; `stdev` is that of its logarithm.
 inline EffectParameter log_shape(const char* name, const char* unit, double median, double stdev, double lower,
                                  double upper) {

@@ -13,7 +13,8 @@
 
 namespace teres {
 
-enum class EffectRole : std::int32_t { kAmplitude = 0, kShape = 1 };
+/// A choice is a shape in which the effect jumps (which marker, from which frame on): no descent leads to it.
+enum class EffectRole : std::int32_t { kAmplitude = 0, kShape = 1, kChoice = 2 };
 enum class EffectTransform : std::int32_t { kIdentity = 0, kLog = 1 };  ///< of the prior and of the estimation
 
 struct EffectParameter {

@@ -23,9 +23,12 @@ FitSpace::FitSpace(const TrajectoryModel& mechanics, const EffectTable& effects,
     for (const ActiveEffect& effect : pattern.effects) {
         first_.push_back(static_cast<Eigen::Index>(axes_.size()));
         entries_.push_back(effect.entry);
-        for (const EffectParameter& p : effects[effect.entry].parameters) {
-            axes_.push_back({p.transform == EffectTransform::kLog, p.lower, p.upper});
-            mean.push_back(p.prior_mean);
+        const auto& parameters = effects[effect.entry].parameters;
+        for (std::size_t k = 0; k < parameters.size(); ++k) {
+            const EffectParameter& p = parameters[k];
+            const bool chosen = p.role == EffectRole::kChoice;
+            axes_.push_back({p.transform == EffectTransform::kLog, p.lower, p.upper, chosen});
+            mean.push_back(chosen ? effect.values[k] : p.prior_mean);
             stdev.push_back(p.prior_stdev);
         }
     }
@@ -70,9 +73,9 @@ std::vector<Assumption> FitSpace::neighbours(const Eigen::VectorXd& at, Eigen::V
         const Axis& axis = axes_[static_cast<std::size_t>(i)];
         Eigen::VectorXd moved = at;
         step(i) = kStep * stdev_(i);
-        moved(i) = at(i) + step(i);
+        if (!axis.fixed) moved(i) = at(i) + step(i);
         const double value = axis.log ? std::exp(moved(i)) : moved(i);
-        if (value > axis.upper) {  // at the upper bound: look inwards
+        if (value > axis.upper && !axis.fixed) {  // at the upper bound: look inwards
             step(i) = -step(i);
             moved(i) = at(i) + step(i);
         }

@@ -1,5 +1,6 @@
 // Coordinates of a fit: ln of the nominal parameters, then each switched-on effect's parameters in their transform.
-// Priors are independent Gaussians of these coordinates.
+// Priors are independent Gaussians of these coordinates. A choice has been made before the fit: its prior is where it
+// stands, and it does not move.
 #pragma once
 
 #include <Eigen/Dense>
@@ -34,6 +35,7 @@ class FitSpace {
     struct Axis {
         bool log = false;
         double lower, upper;  // physical
+        bool fixed = false;
     };
     std::vector<Axis> axes_;
     std::vector<Eigen::Index> first_;

@@ -35,6 +35,7 @@ Json parameters(const Cause& cause, const EffectTable& effects, const Trajectory
         for (std::size_t p = 0; p < entry.parameters.size(); ++p) {
             const double value = cause.fit.at.effects[k].values[p];
             double spread = stdev(space.coordinate(k, p));
+            if (entry.parameters[p].role == EffectRole::kChoice) spread = std::nan("");   // not estimated
             if (entry.parameters[p].transform == EffectTransform::kLog) spread *= value;  // d exp(q) = exp(q) dq
             Json item{{"name", entry.parameters[p].name},
                       {"unit", entry.parameters[p].unit},

@@ -98,14 +98,14 @@ double tail_price(const Eigen::VectorXd& a) {
     return 0.5 * (kTailDegrees + static_cast<double>(a.size())) * std::log1p(a.squaredNorm() / kTailDegrees);
 }
 
-double occam_price(const Eigen::MatrixXd& S, std::size_t num_effects) {
+Eigen::Index counted_amplitudes(Eigen::Index amplitudes) {
+    return std::min(kCountedAmplitudes, amplitudes);
+}
+
+double occam_price(const Eigen::MatrixXd& S, Eigen::Index counted) {
     const Eigen::VectorXd values =
         Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(S, Eigen::EigenvaluesOnly).eigenvalues();
-    return 0.5 * values.tail(std::min(kCountedAmplitudes * static_cast<Eigen::Index>(num_effects), values.size()))
-                     .cwiseMax(0.0)
-                     .array()
-                     .log1p()
-                     .sum();
+    return 0.5 * values.tail(std::min(counted, values.size())).cwiseMax(0.0).array().log1p().sum();
 }
 
 Signatures signatures(Simulator& simulator, const Fit& base, const std::vector<std::size_t>& skip,
@@ -183,7 +183,7 @@ Screening screen(const Simulator& simulator, const Signatures& signatures, const
                 }
                 cost = std::max(out.cost_null - 2.0 * b.dot(a) + a.dot(S * a), 1e-3 * out.cost_null);
                 const double tempering = calibration.nu / floor.above(cost);
-                occam = occam_price(tempering * S);
+                occam = occam_price(tempering * S, counted_amplitudes(c.count));
                 if (S.trace() > effect.visibility) {
                     effect.visibility = S.trace();
                     effect.signature = columns;

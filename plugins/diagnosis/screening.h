@@ -47,10 +47,13 @@ struct Screening {
 /// Student-t price of amplitudes `a` in prior standard deviations [nats]: far amplitudes are unlikely, not impossible.
 double tail_price(const Eigen::VectorXd& a);
 
-/// 1/2 ln|I + S|, S: tempered chi^2 of amplitudes at one prior standard deviation [nats]. Amplitudes of one effect are
-/// not independent a priori (an organ breathes in one direction with one wave form): the seven largest directions
-/// count, one more than a rigid offset has, so that a registration is not taken for a support that stands elsewhere.
-double occam_price(const Eigen::MatrixXd& S, std::size_t num_effects = 1);
+/// Amplitudes of one effect are not independent a priori (an organ breathes in one direction with one wave form): at
+/// most seven count, one more than a rigid offset has, so that a registration is not taken for a support that stands
+/// elsewhere.
+Eigen::Index counted_amplitudes(Eigen::Index amplitudes);
+/// 1/2 ln|I + S| over the `counted` largest directions [nats]; S: tempered chi^2 of amplitudes at one prior standard
+/// deviation.
+double occam_price(const Eigen::MatrixXd& S, Eigen::Index counted);
 
 /// First-order responses of all candidates about a base.
 struct Signatures {

@@ -20,7 +20,7 @@ void improve_shapes(Simulator& simulator, const Whitener& whitener, const Eigen:
     for (int round = 0; round < kRounds; ++round) {
         std::vector<Assumption> others;
         for (std::size_t p = 0; p < entry.parameters.size(); ++p) {
-            if (entry.parameters[p].role != EffectRole::kShape) continue;
+            if (entry.parameters[p].role == EffectRole::kAmplitude) continue;
             const Eigen::Index column = space.coordinate(last, p);
             for (const double move : kMoves)
                 for (const double sign : {-1.0, 1.0}) {

@@ -53,20 +53,25 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
     const Fit& fit = cause.fit;
     const Eigen::Index theta = nominal.u.size();
     std::vector<Eigen::Index> amplitude;
-    Eigen::Index column = theta;
-    for (const std::size_t e : cause.entries)
+    Eigen::Index column = theta, counted = 0;
+    double tail = 0.0;  // effects are independent a priori
+    for (const std::size_t e : cause.entries) {
+        std::vector<Eigen::Index> own;
         for (const EffectParameter& p : effects[e].parameters) {
-            if (p.role == EffectRole::kAmplitude) amplitude.push_back(column);
+            if (p.role == EffectRole::kAmplitude) own.push_back(column);
             ++column;
         }
+        tail += tail_price(fit.u(own));
+        counted += counted_amplitudes(static_cast<Eigen::Index>(own.size()));
+        amplitude.insert(amplitude.end(), own.begin(), own.end());
+    }
     const auto mechanical =
         std::count_if(cause.entries.begin(), cause.entries.end(), [&](std::size_t e) { return !effects[e].sensor; });
     const Eigen::MatrixXd J = fit.J.leftCols(theta), G = fit.J(Eigen::all, amplitude);
     const Eigen::MatrixXd H = Eigen::MatrixXd::Identity(theta, theta) + J.transpose() * J;
     const Eigen::MatrixXd S = G.transpose() * G - G.transpose() * J * H.ldlt().solve(J.transpose() * G);
     cause.price = {
-        tail_price(fit.u(amplitude)),
-        occam_price(calibration.nu / floor.above(std::min(fit.cost, floor.total())) * S, cause.entries.size()),
+        tail, occam_price(calibration.nu / floor.above(std::min(fit.cost, floor.total())) * S, counted),
         cause.search_cost,
         calibration.further_effect * static_cast<double>(cause.entries.size() - 1) +
             calibration.further_mechanical * static_cast<double>(std::max<std::ptrdiff_t>(0, mechanical - 1))};

@@ -241,8 +241,8 @@ class ToyCamera final : public ObservationModel {
             return {"factor", "1", EffectRole::kAmplitude, EffectTransform::kLog, 1.0, 0.0, 0.7, 0.1, 30.0};
         static constexpr const char* kNames[] = {"shift_x", "shift_y", "shift_z", "marker", "onset"};
         if (p < 3) return {kNames[p], "m", EffectRole::kAmplitude, plain, 0.0, 0.0, 0.005, -0.1, 0.1};
-        if (p == 3) return {kNames[p], "1", EffectRole::kShape, plain, 0.0, 6.0, 12.0, 0.0, kToyMarkers - 1.0};
-        return {kNames[p], "s", EffectRole::kShape, plain, 0.0, 6.0, 12.0, 0.0, 12.0};
+        if (p == 3) return {kNames[p], "1", EffectRole::kChoice, plain, 0.0, 6.0, 12.0, 0.0, kToyMarkers - 1.0};
+        return {kNames[p], "s", EffectRole::kChoice, plain, 0.0, 6.0, 12.0, 0.0, 12.0};
     }
     void effect_candidate(std::size_t e, std::size_t c, std::span<double> v) const noexcept override {
         if (e == kNoise) {

@@ -24,10 +24,10 @@ class MarkerSlip final : public SensorEffect {
         d_.source = "assumed: slips of some millimetres";
         d_.event = true;
         const double t0 = scene.start_s, t1 = scene.end_s, last = static_cast<double>(rest_.size()) - 1.0;
-        d_.parameters = {shape("marker", "1", 0.0, std::max(last, 1.0), 0.0, std::max(last, 0.0)),
-                         shape("partner", "1", 0.0, std::max(last, 1.0), 0.0, std::max(last, 0.0)),
-                         shape("onset", "s", t0, t1 - t0, t0 - (t1 - t0), t1),
-                         shape("end", "s", t1, t1 - t0, t0, t1 + (t1 - t0)),
+        d_.parameters = {choice("marker", "1", 0.0, std::max(last, 1.0), 0.0, std::max(last, 0.0)),
+                         choice("partner", "1", 0.0, std::max(last, 1.0), 0.0, std::max(last, 0.0)),
+                         choice("onset", "s", t0, t1 - t0, t0 - (t1 - t0), t1),
+                         choice("end", "s", t1, t1 - t0, t0, t1 + (t1 - t0)),
                          amplitude("slip_x", "m", EffectTransform::kIdentity, 0.0, 0.006, -0.06, 0.06),
                          amplitude("slip_y", "m", EffectTransform::kIdentity, 0.0, 0.006, -0.06, 0.06),
                          amplitude("slip_z", "m", EffectTransform::kIdentity, 0.0, 0.006, -0.06, 0.06),

@@ -20,7 +20,7 @@ class LoadScale final : public Effect {
         d_.parameters = {amplitude("gain", "1", EffectTransform::kIdentity, 0.0, 0.35, -1.0, 4.0)};
         for (const char* name : {"turn_x", "turn_y", "turn_z"})
             d_.parameters.push_back(amplitude(name, "rad", EffectTransform::kIdentity, 0.0, 0.15, -1.6, 1.6));
-        d_.parameters.push_back(shape("region", "1", -1.0, 1.0, -1.0, std::max(last, -1.0)));  // -1: all
+        d_.parameters.push_back(choice("region", "1", -1.0, 1.0, -1.0, std::max(last, -1.0)));  // -1: all
         std::set<std::int32_t> loaded;
         for (const auto& sample : scene.data.loads)
             if (sample.force_n != Point{}) loaded.insert(sample.region);

@@ -6,6 +6,8 @@
 
 #include <cmath>
 
+#include "plugins/diagnosis/screening.h"
+
 namespace teres {
 namespace {
 
@@ -50,6 +52,12 @@ TEST(Verdict, APairThatExplainsEverythingIsNotUnknown) {
 TEST(Verdict, APairDearerThanAnySingleEffectIsUnknown) {
     const Cause single = fitted({0}, 9.0, 5.0), pair = fitted({0, 1}, 1.0, 35.0);
     EXPECT_GT(judge({single, pair}, kNominal, kFloor, {}).unknown_probability, 0.5);
+}
+
+// A delay and a breathing organ of twelve amplitudes: one and seven directions count, not fourteen of both together.
+TEST(Verdict, AmplitudesCountPerEffect) {
+    const Eigen::MatrixXd S = Eigen::VectorXd::Constant(13, std::exp(2.0) - 1.0).asDiagonal();
+    EXPECT_NEAR(occam_price(S, counted_amplitudes(1) + counted_amplitudes(12)), 8.0, 1e-12);
 }
 
 TEST(Verdict, NothingBeyondTheFloorIsNone) {
