@@ -1,7 +1,5 @@
 #include "tools/diagnosis_text.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <cstdio>
 #include <string>
@@ -43,11 +41,9 @@ void print_gap(const Json& j) {
         std::printf("  %-44s %9.1f %%   %s\n", row.name.c_str(), 100.0 * row.probability, row.rivals.c_str());
     if (!s["effects"].empty()) {
         for (const auto& p : j["causes"][0]["parameters"])
-            std::printf("    %-24s %12.5g%s %s\n", p["name"].get<std::string>().c_str(),
+            std::printf("    %-24s %12.5g +- %-10.3g %s\n", p["name"].get<std::string>().c_str(),
                         p["mean"].is_null() ? 0.0 : p["mean"].get<double>(),
-                        p["stdev"].is_null() ? "              "
-                                             : fmt::format(" +- {:<10.3g}", p["stdev"].get<double>()).c_str(),
-                        p["unit"].get<std::string>().c_str());
+                        p["stdev"].is_null() ? 0.0 : p["stdev"].get<double>(), p["unit"].get<std::string>().c_str());
         std::printf("  held out (%s): %.2f mm -> %.2f mm, %.0f %% of the gap gone\n",
                     s["heldout"].get<std::string>().c_str(), s["before_rms_mm"].get<double>(),
                     s["after_rms_mm"].get<double>(),

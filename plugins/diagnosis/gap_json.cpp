@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <string_view>
 
 #include "plugins/diagnosis/fit_space.h"
 
@@ -24,6 +25,13 @@ Json names(const EffectTable& effects, const std::vector<std::size_t>& entries) 
     return list;
 }
 
+// A choice is not fitted: an instant lies between two frames (uniformly), a number is what it is.
+double choice_stdev(const EffectParameter& parameter, const TrajectoryModel& model) {
+    const std::size_t last = model.num_frames() - 1;
+    if (std::string_view(parameter.unit) != "s" || last == 0) return 0.0;
+    return (model.time_s(last) - model.time_s(0)) / static_cast<double>(last) / std::sqrt(12.0);
+}
+
 Json parameters(const Cause& cause, const EffectTable& effects, const TrajectoryModel& model,
                 const Calibration& calibration) {
     Json list = Json::array();
@@ -35,7 +43,7 @@ Json parameters(const Cause& cause, const EffectTable& effects, const Trajectory
         for (std::size_t p = 0; p < entry.parameters.size(); ++p) {
             const double value = cause.fit.at.effects[k].values[p];
             double spread = stdev(space.coordinate(k, p));
-            if (entry.parameters[p].role == EffectRole::kChoice) spread = std::nan("");   // not estimated
+            if (entry.parameters[p].role == EffectRole::kChoice) spread = choice_stdev(entry.parameters[p], model);
             if (entry.parameters[p].transform == EffectTransform::kLog) spread *= value;  // d exp(q) = exp(q) dq
             Json item{{"name", entry.parameters[p].name},
                       {"unit", entry.parameters[p].unit},
