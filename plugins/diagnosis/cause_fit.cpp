@@ -97,7 +97,7 @@ double form_error(const Problem& problem, const Fit& nominal, const Cause& known
         const EffectEntry& entry = problem.simulator.effects()[e];
         if (entry.sensor) continue;
         const double own = problem.simulator.mechanics().dynamic() ? c.form_error_dynamic
-                           : entry.support()                       ? c.form_error_boundary
+                           : entry.local_support()                 ? c.form_error_local_support
                                                                    : c.form_error;
         share = std::max(share, own);
     }

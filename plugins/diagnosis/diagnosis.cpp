@@ -12,7 +12,7 @@ namespace teres {
 namespace {
 
 constexpr double kNearlyAll = 0.97;  // explained: nothing is left for one more effect
-constexpr double kFailure = 4.0;     // mean square of held-out frames over that of fitted ones
+constexpr double kFailure = 3.0;     // mean square of held-out frames over that of fitted ones
 
 // A recording as far as it goes under assumptions that were fitted elsewhere or on its beginning.
 struct Forecast {

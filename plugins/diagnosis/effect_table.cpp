@@ -10,6 +10,12 @@ constexpr double kLeastShare = 0.05;  // of a parameter that cannot be zero
 
 }  // namespace
 
+bool EffectEntry::local_support() const {
+    return support() && !info.event && std::any_of(parameters.begin(), parameters.end(), [](const EffectParameter& p) {
+               return std::string_view(p.name) == "center_x";
+           });
+}
+
 const double* value_of(const EffectEntry& entry, const ActiveEffect& effect, std::string_view name) {
     for (std::size_t p = 0; p < entry.parameters.size(); ++p)
         if (name == entry.parameters[p].name) return &effect.values[p];

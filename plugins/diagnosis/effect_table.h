@@ -23,6 +23,9 @@ struct EffectEntry {
     bool applicable() const { return info.not_applicable == nullptr && !excluded; }
     /// Holds or does not, from somewhere on; loads, materials and cameras change by degrees.
     bool support() const { return std::string_view(info.kind) == "boundary"; }
+    /// ... at a place of its own, from the beginning: an adhesion, a contact, a slack ligament. Where each of its
+    /// points begins to hold is not known; what lets go at an instant or moves as a whole changes by degrees.
+    bool local_support() const;
 };
 
 /// An effect switched on. `values`: physical, one per parameter.
