@@ -12,7 +12,6 @@ namespace teres {
 namespace {
 
 constexpr double kNearlyAll = 0.97;  // explained: nothing is left for one more effect
-constexpr double kFailure = 3.0;     // mean square of held-out frames over that of fitted ones
 
 // A recording as far as it goes under assumptions that were fitted elsewhere or on its beginning.
 struct Forecast {
@@ -180,7 +179,7 @@ bool fails_later(Problem& problem, const Diagnosis& d) {
     if (named == nullptr || !r.held_markers.empty() || problem.simulator.mechanics().dynamic()) return false;
     const double floor = problem.floor.total() / problem.whitener.inverse_sigma().squaredNorm();
     return mean_square(r, named->fit.trajectory, r.held_rows) >
-           kFailure * std::max(floor, mean_square(r, named->fit.trajectory, r.fit_rows));
+           kLateRatio * std::max(floor, mean_square(r, named->fit.trajectory, r.fit_rows));
 }
 
 }  // namespace

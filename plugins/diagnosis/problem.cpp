@@ -6,12 +6,6 @@
 #include "plugins/diagnosis/share_work.h"
 
 namespace teres {
-namespace {
-
-constexpr double kLateRatio =
-    3.0;  // mean square of the unfitted end over that of the fitted part: something happens late
-
-}  // namespace
 
 double mean_square(const Recording& r, const Eigen::VectorXd& simulated, const std::vector<Eigen::Index>& rows) {
     double sum = 0.0;

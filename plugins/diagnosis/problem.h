@@ -6,6 +6,10 @@
 
 namespace teres {
 
+/// Mean square of the frames held out over that of the fitted ones, or over what the model may be off: something
+/// happens late, or what was fitted stands for something else.
+inline constexpr double kLateRatio = 3.0;
+
 /// Progress of one stage, as the simulator asks for it.
 Simulator::Progress stage(const DiagnosisOptions& options, const char* name);
 
