@@ -17,9 +17,10 @@ class Cut final : public Effect {
         const double duration = std::max(scene.end_s - scene.start_s, 1e-3), typical = 0.08 * scene.size_m;
         d_.parameters = {amplitude("loss", "1", EffectTransform::kIdentity, 0.0, 0.6, 0.0, 0.99)};
         add_centre(d_.parameters, scene);
-        d_.parameters.push_back(log_shape("radius", "m", typical, 0.5, 0.015 * scene.size_m, 0.35 * scene.size_m));
+        d_.parameters.push_back(log_shape("radius", "m", typical, 0.5, 0.015 * scene.size_m, 0.2 * scene.size_m));
+        // Before it there are frames without it: what is so from the beginning is an inclusion.
         d_.parameters.push_back(shape("onset", "s", scene.start_s + 0.5 * duration, 0.3 * duration,
-                                      scene.start_s - 0.1 * duration, scene.end_s));
+                                      scene.start_s + 0.05 * duration, scene.end_s));
         d_.parameters.push_back(log_shape("duration", "s", 0.03 * duration, 0.8, 1e-4 * duration, duration));
         if (!(scene.end_s > scene.start_s)) {
             d_.not_applicable = "the recording has one instant only";

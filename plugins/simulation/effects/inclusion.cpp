@@ -18,7 +18,8 @@ class Inclusion final : public Effect {
         d_.parameters = {amplitude("ratio", "1", EffectTransform::kLog, 1.0, 1.0, 0.05, 30.0)};
         add_centre(d_.parameters, scene);
         const double typical = 0.08 * scene.size_m;
-        d_.parameters.push_back(log_shape("radius", "m", typical, 0.5, 0.015 * scene.size_m, 0.35 * scene.size_m));
+        // At most a giant tumour of 12 cm in a liver of 30: a larger region is the tissue's response.
+        d_.parameters.push_back(log_shape("radius", "m", typical, 0.5, 0.015 * scene.size_m, 0.2 * scene.size_m));
         for (const auto& place : inner_places(scene, 80))
             for (const double radius : {typical, 1.8 * typical})
                 d_.candidates.push_back({one_sigma(d_.parameters[0]), place.x(), place.y(), place.z(), radius});

@@ -19,8 +19,9 @@ class LigamentTear final : public Effect {
         add_centre(d_.parameters, scene);
         d_.parameters.push_back(
             log_shape("radius", "m", 0.15 * scene.size_m, 0.7, 0.02 * scene.size_m, 2.0 * scene.size_m));
+        // Before it there are frames without it: what is so from the beginning is a slack or weaker ligament.
         d_.parameters.push_back(shape("onset", "s", scene.start_s + 0.5 * duration, 0.3 * duration,
-                                      scene.start_s - 0.1 * duration, scene.end_s));
+                                      scene.start_s + 0.05 * duration, scene.end_s));
         d_.parameters.push_back(log_shape("duration", "s", 0.03 * duration, 0.8, 1e-4 * duration, duration));
         if (scene.tethers.ligament_end == 0) {
             d_.not_applicable = "the case has no ligament (ligament_prior.csv and case.json ligament)";

@@ -246,13 +246,23 @@ TEST(Effects, TornLigamentDropsByHandCalculation) {
     const double torn = 1.0 - loss / (1.0 + std::exp((0.0 / 0.5 - 1.0) / 0.15));  // inside() at the centre
     EXPECT_NEAR(mean_x(4), force / (k * torn), 0.01 * force / (k * torn));
 
-    // The anchor of the same ligament moves by b: so does the body.
-    const auto moved =
-        nodes_under(c, "moving_attachment", {{"offset_y", 0.004}}, ElementType::kNodalBlend, {stiffness});
-    double uy = 0.0;
-    for (std::size_t i = 0; i < c.mesh.nodes.size(); ++i)
-        uy += (moved[4 * N + 3 * i + 1] - c.mesh.nodes[i][1]) / double(c.mesh.nodes.size());
-    EXPECT_NEAR(uy, 0.004, 4e-5);
+    // The anchor of the same ligament moves by b: so does the body. It breathes out of rest, -c cos pi + c half a
+    // period later; imaged a quarter of a period later, it is off by -c at the beginning and by c then.
+    const auto breathing = [&](double rest_phase, std::size_t f) {
+        const double half_period_s = 4.0 * c.dt_s;
+        const auto moved = nodes_under(
+            c, "moving_attachment",
+            {{"cos_y", -0.004}, {"frequency", 0.5 / half_period_s}, {"rest_phase", rest_phase}},
+            ElementType::kNodalBlend, {stiffness});
+        double uy = 0.0;
+        for (std::size_t i = 0; i < c.mesh.nodes.size(); ++i)
+            uy += (moved[f * N + 3 * i + 1] - c.mesh.nodes[i][1]) / double(c.mesh.nodes.size());
+        return uy;
+    };
+    EXPECT_NEAR(breathing(0.0, 0), 0.0, 4e-5);
+    EXPECT_NEAR(breathing(0.0, 4), 0.008, 8e-5);
+    EXPECT_NEAR(breathing(0.25, 0), -0.004, 4e-5);
+    EXPECT_NEAR(breathing(0.25, 4), 0.004, 4e-5);
 
     // Slack: the rest place moves by -s along the outward normal -x, the pull stretches it by F/k from there.
     const auto slack =
