@@ -131,8 +131,19 @@ void close_on_held_out(Diagnosis& out, Forecast& forecast, const Fit& best, cons
     out.best_wrong_effects = ids(effects, wrong->entries);
 }
 
-// Nominal fit, search, verdict.
-Result<void> find_causes(Problem& problem, const GapRecording& recording, const EffectTable& effects, Diagnosis& out) {
+// A cause from where it was found on other data.
+Cause refit_as_it_was(Problem& problem, const Fit& nominal, const Cause& before) {
+    constexpr int kIterations = 8;
+    Cause cause = before;
+    cause.fit = problem.fit(before.fit.at, kIterations);
+    if (cause.fit.usable) take_noise(problem, cause.fit);
+    score(problem, nominal, nullptr, cause);
+    return cause;
+}
+
+// Nominal fit, search, verdict. `before`: what was named when other data were held out, one more rival; or null.
+Result<void> find_causes(Problem& problem, const GapRecording& recording, const EffectTable& effects,
+                         const Cause* before, Diagnosis& out) {
     const DiagnosisOptions& options = problem.options;
     // What the nominal model can explain, and whether anything is left.
     stage(options, "nominal fit")(0.0);
@@ -152,13 +163,18 @@ Result<void> find_causes(Problem& problem, const GapRecording& recording, const 
 
     // One effect; then, as long as it pays, one more on top of the best; then what first order may have overlooked.
     std::vector<Cause> causes = search(problem, out.nominal, nullptr, out.screening);
+    if (before != nullptr) {
+        keep_better(causes, refit_as_it_was(problem, out.nominal, *before));
+        sort_by_score(causes);
+    }
     out.confusability = confusability(out.screening, out.nominal.J);
     const bool something = unknown_gain(out.nominal.compared_cost(), problem.floor, options.calibration) >
                            options.calibration.unknown_price + options.calibration.none_bonus;
     const auto add_more = [&] {
-        for (int count = 2; something && count <= options.max_effects; ++count)
-            if ((count > 2 && causes.front().explained > kNearlyAll) || !search_further(problem, out.nominal, causes))
-                break;
+        for (int count = 2; something && count <= options.max_effects; ++count) {
+            const bool enough = count > 2 && causes.front().explained > kNearlyAll;
+            if (enough || !search_further(problem, out.nominal, out.screening, causes)) break;
+        }
     };
     if (!causes.empty()) {
         add_more();
@@ -206,10 +222,11 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
                      Outlook::make(recordings[0], effects, options.calibration));
     problem.outlook = outlook.get();
 
-    TERES_TRY(find_causes(problem, recordings[0], effects, out));
+    TERES_TRY(find_causes(problem, recordings[0], effects, nullptr, out));
     if (fails_later(problem, out)) {  // then what is held out is needed to tell why: markers are held out instead
-        out.recording.hold_out_markers(out.named()->fit.trajectory);
-        TERES_TRY(find_causes(problem, recordings[0], effects, out));
+        const Cause before = *out.named();
+        out.recording.hold_out_markers(before.fit.trajectory);
+        TERES_TRY(find_causes(problem, recordings[0], effects, &before, out));
     }
 
     // Where it lies, how far it closes on what was held out, whether it carries over.

@@ -11,6 +11,7 @@
 
 #include <Eigen/Dense>
 #include <Eigen/Geometry>
+#include <optional>
 #include <vector>
 
 #include "plugins/diagnosis/error_floor.h"
@@ -42,6 +43,8 @@ struct EffectScreening {
 struct Screening {
     double cost_null = 0.0;
     std::vector<EffectScreening> effects;  ///< best first; applicable effects only
+    /// Static recordings: the best by the beginning alone, if it is more than the model's error there (search.h).
+    std::optional<EffectScreening> of_beginning;
 };
 
 /// Student-t price of amplitudes `a` in prior standard deviations [nats]: far amplitudes are unlikely, not impossible.

@@ -323,6 +323,11 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base
         return screen(problem.simulator, all, whitener, problem.floor, from, options.calibration, num_frames);
     };
     screening = screen_first(frames);
+    if (known == nullptr && !problem.simulator.mechanics().dynamic()) {
+        const Screening early = screen_first(beginning_of(problem.recording));
+        if (!early.effects.empty() && early.effects.front().score > options.calibration.unknown_price)
+            screening.of_beginning = early.effects.front();
+    }
     if (base != nullptr && base->sensors_only)  // first order is nearly exact there
         std::erase_if(screening.effects, [](const EffectScreening& effect) { return effect.score <= 0.0; });
     std::vector<EffectScreening> chosen;

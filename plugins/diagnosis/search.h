@@ -5,6 +5,12 @@
 
 namespace teres {
 
+/// The part of a static recording that counts as its beginning: what happens later is not in it.
+inline constexpr double kBeginning = 1.0 / 3.0;
+inline std::size_t beginning_of(const Recording& recording) {
+    return static_cast<std::size_t>(kBeginning * static_cast<double>(recording.num_frames));
+}
+
 /// Screens all effects on top of `base` (null: of the nominal fit, which then is the simulator's base) and refits the
 /// best; best score first. Where `base` is null, effects that were only screened are among them with their linear
 /// score.

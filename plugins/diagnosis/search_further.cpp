@@ -1,5 +1,8 @@
 #include "plugins/diagnosis/search_further.h"
 
+#include <algorithm>
+#include <optional>
+
 #include "plugins/diagnosis/form_columns.h"
 #include "plugins/diagnosis/search.h"
 
@@ -59,6 +62,10 @@ Cause without_first(Problem& problem, const Fit& nominal, const Cause& larger, c
     return rest;
 }
 
+bool contains(const Cause& cause, std::size_t entry) {
+    return std::find(cause.entries.begin(), cause.entries.end(), entry) != cause.entries.end();
+}
+
 bool suffices(const Problem& problem, const Cause& cause) {
     return cause.fit.usable && cause.fit.compared_cost() < problem.floor.total();
 }
@@ -80,9 +87,31 @@ const Cause* runner_up(const std::vector<Cause>& causes, const Cause& best) {
     return next;
 }
 
+// Whether what explains the beginning is no part of any set that was found, nor is one needed.
+bool may_begin_otherwise(const Problem& problem, const Cause& base, const std::vector<Cause>& causes,
+                         const EffectScreening& early) {
+    return base.entries.size() == 1 && base.entries[0] != early.entry && !suffices(problem, base) &&
+           std::none_of(causes.begin(), causes.end(),
+                        [&](const Cause& c) { return c.entries.size() > 1 && contains(c, early.entry); });
+}
+
+// What explains the beginning of a static recording, fitted to that alone, and one effect on top of it.
+std::vector<Cause> events_after(Problem& problem, const Fit& nominal, const EffectScreening& early) {
+    Cause first;
+    first.entries = {early.entry};
+    first.search_cost = early.search_cost;
+    Assumption start = prior_median(problem.simulator.mechanics());
+    start.effects = {early.start};
+    first.fit = fit_jointly(problem.simulator, problem.whitener, problem.recording.observed, start,
+                            {.max_iterations = kIterations, .num_frames = beginning_of(problem.recording)});
+    if (first.fit.usable) problem.complete(first.fit);
+    score(problem, nominal, nullptr, first);
+    return first.fit.usable ? search_on_top(problem, nominal, first) : std::vector<Cause>{};
+}
+
 }  // namespace
 
-bool search_further(Problem& problem, const Fit& nominal, std::vector<Cause>& causes) {
+bool search_further(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes) {
     const double best_before = causes.front().score;
     // Where no single effect pays, the pair begins with the one that explains most.
     Cause base = causes.front();
@@ -98,15 +127,20 @@ bool search_further(Problem& problem, const Fit& nominal, std::vector<Cause>& ca
     if (const Cause* next = runner_up(causes, base);
         problem.simulator.mechanics().dynamic() && base.entries.size() == 1 && !done && next != nullptr)
         add(search_on_top(problem, nominal, Cause(*next)));
-    if (!larger.empty() && larger.front().fit.usable) {
-        const Cause best = larger.front();
-        add(std::move(larger));
-        if (may_exchange(problem, best)) {
-            const Cause rest = without_first(problem, nominal, best, causes);
-            if (rest.fit.usable) {
-                add(search_on_top(problem, nominal, rest));
-                keep_better(causes, rest);
-            }
+    const std::optional<Cause> best =
+        !larger.empty() && larger.front().fit.usable ? std::optional(larger.front()) : std::nullopt;
+    if (best) add(std::move(larger));
+    bool told = false;  // by the beginning
+    if (screening.of_beginning && !done && may_begin_otherwise(problem, base, causes, *screening.of_beginning)) {
+        std::vector<Cause> later = events_after(problem, nominal, *screening.of_beginning);
+        told = !later.empty() && suffices(problem, later.front());
+        add(std::move(later));
+    }
+    if (best && !told && may_exchange(problem, *best)) {
+        const Cause rest = without_first(problem, nominal, *best, causes);
+        if (rest.fit.usable) {
+            add(search_on_top(problem, nominal, rest));
+            keep_better(causes, rest);
         }
     }
     sort_by_score(causes);

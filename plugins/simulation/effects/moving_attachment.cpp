@@ -74,7 +74,7 @@ class MovingAttachment final : public Effect {
 
   private:
     static constexpr std::size_t kFrequency = 12, kTilt = 13, kRestPhase = 16;  // after the twelve amplitudes
-    Eigen::Vector3d middle_ = Eigen::Vector3d::Zero();  // Xm
+    Eigen::Vector3d middle_ = Eigen::Vector3d::Zero();                          // Xm
 };
 
 }  // namespace

@@ -197,6 +197,22 @@ TEST(Diagnosis, LateEventBehindALargeOffsetIsNamed) {
     EXPECT_NEAR(*d->where.onset_s, 10.7, 0.25);
 }
 
+// Nothing of a tool is to be seen before it comes, however hard it pulls then: the beginning tells the offset.
+TEST(Diagnosis, BeginningTellsWhatALargerEventHides) {
+    const std::vector<double> shift{0.003, -0.002, 0.003}, pull{0.6, -0.4, -1.2, 0.08, 0.03, 5.3};
+    Scene scene({{test::ToyBody::kUnknownLoad, pull}}, {{test::ToyCamera::kRegistration, shift}});
+    const auto d = scene.run();
+    ASSERT_TRUE(d) << d.error().text;
+    ASSERT_TRUE(d->screening.of_beginning);
+    EXPECT_EQ((*scene.effects)[d->screening.of_beginning->entry].info.id, std::string("registration"));
+    EXPECT_EQ(scene.names(*d), (Names{"registration", "unknown_load"})) << listing(*d, *scene.effects);
+
+    Scene alone({{test::ToyBody::kUnknownLoad, pull}});
+    const auto without = alone.run();
+    ASSERT_TRUE(without) << without.error().text;
+    EXPECT_FALSE(without->screening.of_beginning) << "nothing is amiss before the tool comes";
+}
+
 // A frame that is nearly unstable says how far the model may be off there, and nothing about other frames.
 TEST(Diagnosis, VariantInAnotherEquilibriumWeighsItsFrameOnly) {
     const auto ensemble = [](std::int32_t snaps_at, std::int32_t fails_at) {

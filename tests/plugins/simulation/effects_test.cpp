@@ -251,8 +251,7 @@ TEST(Effects, TornLigamentDropsByHandCalculation) {
     const auto breathing = [&](double rest_phase, std::size_t f) {
         const double half_period_s = 4.0 * c.dt_s;
         const auto moved = nodes_under(
-            c, "moving_attachment",
-            {{"cos_y", -0.004}, {"frequency", 0.5 / half_period_s}, {"rest_phase", rest_phase}},
+            c, "moving_attachment", {{"cos_y", -0.004}, {"frequency", 0.5 / half_period_s}, {"rest_phase", rest_phase}},
             ElementType::kNodalBlend, {stiffness});
         double uy = 0.0;
         for (std::size_t i = 0; i < c.mesh.nodes.size(); ++i)
