@@ -131,6 +131,14 @@ void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause)
     cause.score -= 0.5 * c.nu * std::max(0.0, gain - gain_beside_forms);
 }
 
+Cause fitted_from(Problem& problem, const Fit& nominal, Cause cause, const Assumption& start, int iterations) {
+    cause.fit = problem.fit(start, iterations);
+    problem.look_ahead(cause.fit);
+    if (cause.fit.usable) take_noise(problem, cause.fit);
+    score(problem, nominal, nullptr, cause);
+    return cause;
+}
+
 void keep_better(std::vector<Cause>& causes, Cause cause) {
     const auto set = [](std::vector<std::size_t> entries) {
         std::sort(entries.begin(), entries.end());

@@ -17,6 +17,9 @@ struct Base {
 /// One more effect on top of what is known (null: of the nominal fit), refitted with everything free.
 Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const EffectScreening& added, int iterations);
 
+/// A cause (its effects and their search cost) fitted and scored from given values.
+Cause fitted_from(Problem& problem, const Fit& nominal, Cause cause, const Assumption& start, int iterations);
+
 /// Fills score and explained. `base`: what the cause was searched on top of, or null.
 void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause);
 

@@ -11,6 +11,7 @@
 namespace teres {
 namespace {
 
+constexpr int kAgainIterations = 8;  // of what was named, on other data
 constexpr double kNearlyAll = 0.97;  // explained: nothing is left for one more effect
 
 // A recording as far as it goes under assumptions that were fitted elsewhere or on its beginning.
@@ -131,16 +132,6 @@ void close_on_held_out(Diagnosis& out, Forecast& forecast, const Fit& best, cons
     out.best_wrong_effects = ids(effects, wrong->entries);
 }
 
-// A cause from where it was found on other data.
-Cause refit_as_it_was(Problem& problem, const Fit& nominal, const Cause& before) {
-    constexpr int kIterations = 8;
-    Cause cause = before;
-    cause.fit = problem.fit(before.fit.at, kIterations);
-    if (cause.fit.usable) take_noise(problem, cause.fit);
-    score(problem, nominal, nullptr, cause);
-    return cause;
-}
-
 // Nominal fit, search, verdict. `before`: what was named when other data were held out, one more rival; or null.
 Result<void> find_causes(Problem& problem, const GapRecording& recording, const EffectTable& effects,
                          const Cause* before, Diagnosis& out) {
@@ -164,7 +155,7 @@ Result<void> find_causes(Problem& problem, const GapRecording& recording, const 
     // One effect; then, as long as it pays, one more on top of the best; then what first order may have overlooked.
     std::vector<Cause> causes = search(problem, out.nominal, nullptr, out.screening);
     if (before != nullptr) {
-        keep_better(causes, refit_as_it_was(problem, out.nominal, *before));
+        keep_better(causes, fitted_from(problem, out.nominal, *before, before->fit.at, kAgainIterations));
         sort_by_score(causes);
     }
     out.confusability = confusability(out.screening, out.nominal.J);

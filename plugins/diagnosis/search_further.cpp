@@ -56,10 +56,7 @@ Cause without_first(Problem& problem, const Fit& nominal, const Cause& larger, c
     rest.entries.assign(larger.entries.begin() + 1, larger.entries.end());
     rest.search_cost = search_cost;
     const Assumption start{larger.fit.at.theta, {larger.fit.at.effects.begin() + 1, larger.fit.at.effects.end()}};
-    rest.fit = problem.fit(start, kIterations);
-    problem.look_ahead(rest.fit);
-    score(problem, nominal, nullptr, rest);
-    return rest;
+    return fitted_from(problem, nominal, std::move(rest), start, kIterations);
 }
 
 bool contains(const Cause& cause, std::size_t entry) {
