@@ -47,6 +47,15 @@ Eigen::MatrixXd derivative(Simulator& simulator, const FitSpace& space, const As
     return simulator.responses(others) * scale.asDiagonal();
 }
 
+// 1 where a coordinate moves the body, 0 where it changes how the body is seen.
+Eigen::VectorXd mechanical_coordinates(const Simulator& simulator, const FitSpace& space, const Assumption& at) {
+    Eigen::VectorXd moves = Eigen::VectorXd::Ones(space.size());
+    for (std::size_t k = 0; k < at.effects.size(); ++k)
+        if (simulator.effects()[at.effects[k].entry].sensor)
+            moves.segment(space.coordinate(k, 0), static_cast<Eigen::Index>(at.effects[k].values.size())).setZero();
+    return moves;
+}
+
 // Only so many frames from the first while a fit looks at them alone.
 class Horizon {
   public:
@@ -119,10 +128,11 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
     };
     Eigen::MatrixXd H;  // dh/du of the trajectory
     bool current = false;
+    const Eigen::VectorXd moves = mechanical_coordinates(simulator, space, start);
     Eigen::VectorXd whole_u = scaled(start);
     const auto linearise = [&](Fit& fit) {
-        const bool far =
-            (fit.u - whole_u).lpNorm<Eigen::Infinity>() > kFarFromWhole && !simulator.mechanics().dynamic();
+        const bool far = !simulator.mechanics().dynamic() &&
+                         moves.cwiseProduct(fit.u - whole_u).lpNorm<Eigen::Infinity>() > kFarFromWhole;
         if (far && simulator.simulate(fit.at, fit.trajectory)) {
             weigh(fit);
             whole_u = fit.u;
