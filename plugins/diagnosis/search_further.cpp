@@ -11,6 +11,7 @@ namespace {
 
 constexpr int kIterations = 6;
 constexpr double kRunnerUp = 15.0;  // nats behind the best single effect
+constexpr double kVeryMuch = 5.0;   // times what noise and model error explain
 constexpr double kFormShare = 0.2;  // standard deviation of a form, share of the effect's motion
 
 // The whitener in use, with columns for what the known effects may get wrong of their form.
@@ -84,16 +85,38 @@ const Cause* runner_up(const std::vector<Cause>& causes, const Cause& best) {
     return next;
 }
 
+// Whether a fit to the whole recording leaves several times as much of the beginning as noise and model error explain.
+bool leaves_beginning(const Problem& problem, const Fit& fit) {
+    const auto rows = static_cast<Eigen::Index>(3 * problem.recording.num_markers * beginning_of(problem.recording));
+    Eigen::VectorXd difference = problem.residual_of(fit.trajectory);
+    difference.tail(difference.size() - rows).setZero();
+    return problem.whitener(difference).squaredNorm() > kLateRatio * kBeginning * problem.floor.total();
+}
+
 // Whether what explains the beginning is no part of any set that was found, nor is one needed.
 bool may_begin_otherwise(const Problem& problem, const Cause& base, const std::vector<Cause>& causes,
                          const EffectScreening& early) {
     return base.entries.size() == 1 && base.entries[0] != early.entry && !suffices(problem, base) &&
-           std::none_of(causes.begin(), causes.end(),
-                        [&](const Cause& c) { return c.entries.size() > 1 && contains(c, early.entry); });
+           leaves_beginning(problem, base.fit) && std::none_of(causes.begin(), causes.end(), [&](const Cause& c) {
+               return c.entries.size() > 1 && contains(c, early.entry);
+           });
 }
 
-// What explains the beginning of a static recording, fitted to that alone, and one effect on top of it.
-std::vector<Cause> events_after(Problem& problem, const Fit& nominal, const EffectScreening& early) {
+void add(std::vector<Cause>& causes, std::vector<Cause> more) {
+    for (Cause& cause : more) keep_better(causes, std::move(cause));
+}
+
+// What a search on top of the beginning found.
+struct AfterBeginning {
+    bool made = false;
+    bool suffices = false;  // the best set leaves no more than noise and model error explain
+    bool by_event = false;  // ... and ends with something that begins in the recording
+};
+
+// What explains the beginning of a static recording, fitted to that alone, and one effect on top of it. Not made if the
+// fit is of no use or, `if_explained`, leaves more of the beginning than the floor.
+AfterBeginning search_after_beginning(Problem& problem, const Fit& nominal, const EffectScreening& early,
+                                      bool if_explained, std::vector<Cause>& causes) {
     Cause first;
     first.entries = {early.entry};
     first.search_cost = early.search_cost;
@@ -101,9 +124,15 @@ std::vector<Cause> events_after(Problem& problem, const Fit& nominal, const Effe
     start.effects = {early.start};
     first.fit = fit_jointly(problem.simulator, problem.whitener, problem.recording.observed, start,
                             {.max_iterations = kIterations, .num_frames = beginning_of(problem.recording)});
-    if (first.fit.usable) problem.complete(first.fit);
+    if (!first.fit.usable || (if_explained && first.fit.cost > kBeginning * problem.floor.total())) return {};
+    problem.complete(first.fit);
     score(problem, nominal, nullptr, first);
-    return first.fit.usable ? search_on_top(problem, nominal, first) : std::vector<Cause>{};
+    if (!first.fit.usable) return {};
+    std::vector<Cause> later = search_on_top(problem, nominal, first);
+    AfterBeginning out{.made = true, .suffices = !later.empty() && suffices(problem, later.front())};
+    out.by_event = out.suffices && problem.simulator.effects()[later.front().entries.back()].info.event;
+    add(causes, std::move(later));
+    return out;
 }
 
 }  // namespace
@@ -116,32 +145,36 @@ bool search_further(Problem& problem, const Fit& nominal, const Screening& scree
         for (const Cause& cause : causes)
             if (cause.fit.usable && (!base.fit.usable || cause.misfit < base.misfit)) base = cause;
     if (!base.fit.usable) return false;
-    const auto add = [&](std::vector<Cause> larger) {
-        for (Cause& cause : larger) keep_better(causes, std::move(cause));
+    const auto ended = [&] {
+        sort_by_score(causes);
+        return causes.front().score > best_before;
     };
+    const auto begins_otherwise = [&] {
+        return screening.of_beginning && may_begin_otherwise(problem, base, causes, *screening.of_beginning);
+    };
+    // Where the best single effect leaves very much, what explains the beginning and an event need no other base.
+    AfterBeginning after;
+    if (base.fit.compared_cost() > kVeryMuch * problem.floor.total() && begins_otherwise())
+        after = search_after_beginning(problem, nominal, *screening.of_beginning, true, causes);
+    if (after.by_event) return ended();
     std::vector<Cause> larger = search_on_top(problem, nominal, base);
     const bool done = !larger.empty() && suffices(problem, larger.front());
     if (const Cause* next = runner_up(causes, base);
         problem.simulator.mechanics().dynamic() && base.entries.size() == 1 && !done && next != nullptr)
-        add(search_on_top(problem, nominal, Cause(*next)));
+        add(causes, search_on_top(problem, nominal, Cause(*next)));
     const std::optional<Cause> best =
         !larger.empty() && larger.front().fit.usable ? std::optional(larger.front()) : std::nullopt;
-    if (best) add(std::move(larger));
-    bool told = false;  // by the beginning
-    if (screening.of_beginning && !done && may_begin_otherwise(problem, base, causes, *screening.of_beginning)) {
-        std::vector<Cause> later = events_after(problem, nominal, *screening.of_beginning);
-        told = !later.empty() && suffices(problem, later.front());
-        add(std::move(later));
-    }
-    if (best && !told && may_exchange(problem, *best)) {
+    if (best) add(causes, std::move(larger));
+    if (!after.made && !done && begins_otherwise())
+        after = search_after_beginning(problem, nominal, *screening.of_beginning, false, causes);
+    if (best && !after.suffices && may_exchange(problem, *best)) {
         const Cause rest = without_first(problem, nominal, *best, causes);
         if (rest.fit.usable) {
-            add(search_on_top(problem, nominal, rest));
+            add(causes, search_on_top(problem, nominal, rest));
             keep_better(causes, rest);
         }
     }
-    sort_by_score(causes);
-    return causes.front().score > best_before;
+    return ended();
 }
 
 }  // namespace teres
