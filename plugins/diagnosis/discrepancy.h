@@ -10,6 +10,7 @@
 #include <Eigen/Dense>
 #include <cstdint>
 #include <filesystem>
+#include <vector>
 
 #include "core/result.h"
 #include "plugins/diagnosis/simulator.h"
@@ -28,5 +29,9 @@ struct Discrepancy {
 /// median.
 Result<Discrepancy> discrepancy_of(Simulator& simulator, const std::filesystem::path& cache, std::uint64_t key,
                                    const Simulator::Progress& progress);
+
+/// The same at other instants, by linear interpolation between these (ascending).
+Discrepancy at_times(const Discrepancy& discrepancy, const std::vector<double>& from_s,
+                     const std::vector<double>& to_s);
 
 }  // namespace teres
