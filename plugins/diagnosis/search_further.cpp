@@ -10,9 +10,11 @@ namespace teres {
 namespace {
 
 constexpr int kIterations = 6;
-constexpr double kRunnerUp = 15.0;  // nats behind the best single effect
-constexpr double kVeryMuch = 5.0;   // times what noise and model error explain
-constexpr double kFormShare = 0.2;  // standard deviation of a form, share of the effect's motion
+constexpr double kRunnerUp = 15.0;   // nats behind the best single effect
+constexpr double kFarBehind = 15.0;  // nats: what needs no further search
+constexpr double kHardlyLess = 0.9;  // of what is left without the second effect
+constexpr double kVeryMuch = 5.0;    // times what noise and model error explain
+constexpr double kFormShare = 0.2;   // standard deviation of a form, share of the effect's motion
 
 // The whitener in use, with columns for what the known effects may get wrong of their form.
 Whitener looser_whitener(Problem& problem, const Fit& known) {
@@ -70,9 +72,10 @@ bool suffices(const Problem& problem, const Cause& cause) {
 
 // Whether something else may stand for the first effect. With inertia a body that is loaded otherwise than the model
 // moves quite differently, so that what is named first may stand for the sum of several even if all together suffice.
-bool may_exchange(const Problem& problem, const Cause& best) {
-    return problem.simulator.mechanics().dynamic() ? best.entries.size() > 2
-                                                   : best.entries.size() == 2 && !suffices(problem, best);
+// Else the second must explain something beside it.
+bool may_exchange(const Problem& problem, const Cause& base, const Cause& best) {
+    if (problem.simulator.mechanics().dynamic()) return best.entries.size() > 2;
+    return best.entries.size() == 2 && !suffices(problem, best) && best.misfit < kHardlyLess * base.misfit;
 }
 
 // The single effect next to the best one, or null.
@@ -109,12 +112,12 @@ void add(std::vector<Cause>& causes, std::vector<Cause> more) {
 // What a search on top of the beginning found.
 struct AfterBeginning {
     bool made = false;
-    bool suffices = false;  // the best set leaves no more than noise and model error explain
-    bool by_event = false;  // ... and ends with something that begins in the recording
+    bool suffices = false;    // the best set leaves no more than noise and model error explain
+    bool ends_apart = false;  // it ends with something that begins in the recording and leaves all others far behind
 };
 
 // What explains the beginning of a static recording, fitted to that alone, and one effect on top of it. Not made if the
-// fit is of no use or, `if_explained`, leaves more of the beginning than the floor.
+// fit is of no use or, `if_explained`, leaves much of the beginning.
 AfterBeginning search_after_beginning(Problem& problem, const Fit& nominal, const EffectScreening& early,
                                       bool if_explained, std::vector<Cause>& causes) {
     Cause first;
@@ -124,13 +127,14 @@ AfterBeginning search_after_beginning(Problem& problem, const Fit& nominal, cons
     start.effects = {early.start};
     first.fit = fit_jointly(problem.simulator, problem.whitener, problem.recording.observed, start,
                             {.max_iterations = kIterations, .num_frames = beginning_of(problem.recording)});
-    if (!first.fit.usable || (if_explained && first.fit.cost > kBeginning * problem.floor.total())) return {};
+    if (!first.fit.usable || (if_explained && leaves_beginning(problem, first.fit))) return {};
     problem.complete(first.fit);
     score(problem, nominal, nullptr, first);
     if (!first.fit.usable) return {};
     std::vector<Cause> later = search_on_top(problem, nominal, first);
     AfterBeginning out{.made = true, .suffices = !later.empty() && suffices(problem, later.front())};
-    out.by_event = out.suffices && problem.simulator.effects()[later.front().entries.back()].info.event;
+    out.ends_apart = !later.empty() && later.front().score > causes.front().score + kFarBehind &&
+                     problem.simulator.effects()[later.front().entries.back()].info.event;
     add(causes, std::move(later));
     return out;
 }
@@ -156,7 +160,7 @@ bool search_further(Problem& problem, const Fit& nominal, const Screening& scree
     AfterBeginning after;
     if (base.fit.compared_cost() > kVeryMuch * problem.floor.total() && begins_otherwise())
         after = search_after_beginning(problem, nominal, *screening.of_beginning, true, causes);
-    if (after.by_event) return ended();
+    if (after.ends_apart) return ended();
     std::vector<Cause> larger = search_on_top(problem, nominal, base);
     const bool done = !larger.empty() && suffices(problem, larger.front());
     if (const Cause* next = runner_up(causes, base);
@@ -167,7 +171,7 @@ bool search_further(Problem& problem, const Fit& nominal, const Screening& scree
     if (best) add(causes, std::move(larger));
     if (!after.made && !done && begins_otherwise())
         after = search_after_beginning(problem, nominal, *screening.of_beginning, false, causes);
-    if (best && !after.suffices && may_exchange(problem, *best)) {
+    if (best && !after.suffices && may_exchange(problem, base, *best)) {
         const Cause rest = without_first(problem, nominal, *best, causes);
         if (rest.fit.usable) {
             add(causes, search_on_top(problem, nominal, rest));
