@@ -125,22 +125,8 @@ Status check(const Case& c, const std::string& folder) {
     return {};
 }
 
-// A dynamic recording is fitted on its beginning: what happens shows there, and every frame costs a simulated step. Of
-// a static one every n-th frame is: neighbours tell much the same, each is an equilibrium to be found.
-constexpr std::size_t kBeginning = 48;     // frames
-constexpr std::size_t kStaticFrames = 30;  // at least so many are left
-
-// Which frames are fitted.
-struct Part {
-    std::size_t first = 0, every = 1;  // so many from the first (0: all), one in so many
-    bool whole() const { return first == 0 && every == 1; }
-};
-
-Part fitted_part(const Case& c) {
-    const std::size_t frames = frame_times(c).size();
-    if (c.quasi_static) return {0, std::max<std::size_t>(1, frames / kStaticFrames)};
-    return {frames > kBeginning ? kBeginning : 0, 1};
-}
+// A dynamic recording is fitted on its beginning: what happens shows there, and every frame costs a simulated step.
+constexpr std::size_t kBeginning = 48;  // frames
 
 // One recording inside its own session.
 struct Hosted {
@@ -152,7 +138,8 @@ struct Hosted {
     std::uint64_t hash = 0;
 };
 
-Result<Hosted> host(const std::string& folder, Config config, bool first, const std::string& settings, Part part = {}) {
+Result<Hosted> host(const std::string& folder, Config config, bool first, const std::string& settings,
+                    std::size_t frames_wanted = 0) {
     Hosted h;
     TERES_TRY_ASSIGN(h.data, read_case(folder));
     TERES_TRY(check(h.data, folder));
@@ -161,8 +148,7 @@ Result<Hosted> host(const std::string& folder, Config config, bool first, const 
           std::string(first ? "service.plugins=simulation,sensor_model,diagnosis"
                             : "service.plugins=simulation,sensor_model"),
           std::string("service.health_period_s=0"), std::string("simulation.trajectories=true"),
-          "simulation.trajectory_frames=" + std::to_string(part.first),
-          "simulation.trajectory_every=" + std::to_string(part.every)})
+          "simulation.trajectory_frames=" + std::to_string(frames_wanted)})
         TERES_TRY(config.set(assignment, "teres diagnose"));
     TERES_TRY_ASSIGN(h.session, Session::open(config));
     TERES_TRY(h.session->start());
@@ -202,18 +188,19 @@ Result<DiagnosisRun> diagnose_cases(const std::vector<std::string>& case_folders
     // Megabytes come and go with every trajectory: kept by the heap, not asked from the kernel page by page each time.
     mallopt(M_MMAP_THRESHOLD, 32 << 20);
     mallopt(M_TRIM_THRESHOLD, 1 << 30);
-    std::vector<Hosted> hosted, whole;  // whole: of recordings of which a part is fitted
+    std::vector<Hosted> hosted, whole;  // whole: of long dynamic recordings
     for (const std::string& folder : case_folders) {
         TERES_TRY_ASSIGN(const Case c, read_case(folder));
-        const Part part = fitted_part(c);
-        TERES_TRY_ASSIGN(Hosted one, host(folder, config, hosted.empty(), options.settings_text, part));
+        const bool long_motion = !c.quasi_static && frame_times(c).size() > kBeginning;
+        TERES_TRY_ASSIGN(Hosted one,
+                         host(folder, config, hosted.empty(), options.settings_text, long_motion ? kBeginning : 0));
         if (!hosted.empty() && body_hash(one.data) != body_hash(hosted.front().data))
             return invalid_input(
                 folder + ": not the body of " + case_folders.front() +
                 " (mesh, material or supports differ); recordings of one diagnosis must show one body");
         hosted.push_back(std::move(one));
         whole.emplace_back();
-        if (!part.whole() && !options.plan_only) {
+        if (long_motion && !options.plan_only) {
             TERES_TRY_ASSIGN(whole.back(), host(folder, config, false, options.settings_text));
         }
     }

@@ -19,8 +19,8 @@ struct GapRecording {
     double noise_sigma_m;                ///< stated, per axis
     std::uint64_t body_hash;             ///< of mesh, law, supports and markers: names the cache
 
-    // A long dynamic recording is fitted on its beginning, a long static one on some of its frames (the models above);
-    // these are of all of it. Null: those above are.
+    // A long dynamic recording is fitted on its beginning (the models above); these are of all of it. Null: those above
+    // are.
     TrajectoryModel* whole_mechanics = nullptr;
     const ObservationModel* whole_sensors = nullptr;
     std::span<const double> whole_observed_m{};

@@ -7,40 +7,26 @@
 #include "plugins/diagnosis/gap_map.h"
 #include "plugins/diagnosis/search.h"
 #include "plugins/diagnosis/search_further.h"
-#include "plugins/diagnosis/shape_search.h"
 
 namespace teres {
 namespace {
 
-constexpr int kAgainIterations = 8;       // of what was named, on other data
-constexpr int kEveryFrameIterations = 3;  // of what was named, on frames that were left out
-constexpr double kNearlyAll = 0.97;       // explained: nothing is left for one more effect
+constexpr int kAgainIterations = 8;  // of what was named, on other data
+constexpr double kNearlyAll = 0.97;  // explained: nothing is left for one more effect
 
-// A whole recording under assumptions that were fitted elsewhere or on a part of it.
+// A recording as far as it goes under assumptions that were fitted elsewhere or on its beginning.
 struct Forecast {
     Recording recording;
     Simulator simulator;
-    bool part_fitted = false;  // else fits of this recording know their trajectories
+    bool beginning_fitted = false;  // else fits of this recording know their trajectories
     std::vector<std::pair<Assumption, Eigen::VectorXd>> known{};
 
-    static Result<Forecast> make(const GapRecording& from, const EffectTable& effects) {
+    static Result<Forecast> make(const GapRecording& from, const EffectTable& effects, std::size_t first_held) {
         const GapRecording all = whole_of(from);
         TERES_TRY_ASSIGN(Recording recording, make_recording(all));
-        return Forecast{std::move(recording), Simulator(*all.mechanics, all.sensors, effects),
-                        from.whole_mechanics != nullptr};
-    }
-    // What the fit of a part neither saw nor was compared by.
-    void hold_out_as(const Recording& part, const std::vector<double>& part_times_s, const Outlook* outlook) {
-        const auto& t = simulator.times_s();
-        if (!part_fitted)
-            recording = part;
-        else if (simulator.mechanics().dynamic())
-            recording.hold_out_frames(outlook != nullptr ? outlook->end_frame() : part.num_frames);
-        else if (!part.held_markers.empty())
-            recording.hold_out_markers(part.held_markers);
-        else
-            recording.hold_out_frames(static_cast<std::size_t>(
-                std::lower_bound(t.begin(), t.end(), part_times_s[part.first_held_frame]) - t.begin()));
+        const bool beginning = from.whole_mechanics != nullptr;
+        if (beginning) recording.hold_out_frames(first_held);
+        return Forecast{std::move(recording), Simulator(*all.mechanics, all.sensors, effects), beginning};
     }
     const Eigen::VectorXd* find(const Assumption& at) const {
         for (const auto& [assumption, trajectory] : known)
@@ -48,7 +34,7 @@ struct Forecast {
         return nullptr;
     }
     Eigen::VectorXd of(const Fit& fit) {
-        return part_fitted || find(fit.at) != nullptr ? under(fit.at) : fit.trajectory;
+        return beginning_fitted || find(fit.at) != nullptr ? under(fit.at) : fit.trajectory;
     }
     Eigen::VectorXd under(const Assumption& at) {
         if (const Eigen::VectorXd* trajectory = find(at)) return *trajectory;
@@ -78,7 +64,8 @@ Result<std::vector<Transfer>> transfer(Problem& here, Forecast& forecast_here, c
     for (std::size_t k = 1; k < recordings.size(); ++k) {
         stage(here.options,
               "other recordings")(static_cast<double>(k - 1) / static_cast<double>(recordings.size() - 1));
-        TERES_TRY_ASSIGN(Forecast forecast_there, Forecast::make(recordings[k], effects));
+        TERES_TRY_ASSIGN(Forecast forecast_there,
+                         Forecast::make(recordings[k], effects, recordings[k].mechanics->num_frames()));
         TERES_TRY_ASSIGN(Recording other, make_recording(recordings[k]));
         out.push_back(
             {name, other.name, forecast_there.rms_m(nominal.at), forecast_there.rms_m(lasting(effects, named.at))});
@@ -103,41 +90,20 @@ std::vector<std::string> ids(const EffectTable& effects, const std::vector<std::
     return list;
 }
 
-// The named cause fitted to every frame of a recording of which some were: something may have begun between those.
-void fit_to_every_frame(Problem& some, Forecast& forecast, Cause& named) {
-    Simulator& simulator = forecast.simulator;
-    Eigen::VectorXd motion;
-    if (!simulator.simulate(named.fit.at, motion)) return;
-    const Discrepancy discrepancy = at_times(some.discrepancy, some.simulator.times_s(), simulator.times_s());
-    Problem all{simulator, forecast.recording, some.options, discrepancy,
-                whitener_for(forecast.recording, discrepancy, motion, some.options.calibration)};
-    Fit fit = all.fit(named.fit.at, kEveryFrameIterations);
-    if (!fit.usable) return;
-    improve_all_shapes(simulator, all.whitener, forecast.recording.observed, fit);
-    Fit again = named.fit;  // on the frames by which causes were compared
-    again.at = fit.at;
-    again.u = fit.u;
-    some.complete(again);
-    if (again.usable) named.fit = std::move(again);
-}
-
-// Markers and nodes of what is shown, validation points of the whole recording; the simulator's base is then `at`.
-void predict(const Assumption& at, Simulator& simulator, Forecast& forecast, bool all_shown, Eigen::VectorXd& markers,
-             std::vector<double>& points_m, std::vector<double>& nodes_m) {
-    const bool part = forecast.part_fitted;
-    simulator.simulate(at, markers, part ? nullptr : &points_m, all_shown ? nullptr : &nodes_m);
-    Eigen::VectorXd all = markers;
-    if (part) forecast.simulator.simulate(at, all, &points_m, all_shown ? &nodes_m : nullptr);
-    if (all_shown) markers = all;
-    forecast.known.emplace_back(at, std::move(all));
-}
-
 // The gap on held-out data before and after, step by step, beside what the best cause of another family would do.
 void close_on_held_out(Diagnosis& out, Forecast& forecast, const Fit& best, const EffectTable& effects) {
     const Cause* named = out.named();
     const Recording& all = out.predicted = forecast.recording;
+    Eigen::VectorXd after = out.after;
+    if (forecast.beginning_fitted) {
+        Eigen::VectorXd nominal;
+        forecast.simulator.simulate(out.nominal.at, nominal, &out.nominal_points_m, nullptr);
+        forecast.known.emplace_back(out.nominal.at, std::move(nominal));
+        forecast.simulator.simulate(best.at, after, &out.points_m, nullptr);
+    }
+    forecast.known.emplace_back(best.at, after);
     const Eigen::VectorXd before = forecast.of(out.nominal);
-    out.shrinkage = shrinkage(all, all.held_rows, before, forecast.of(best));
+    out.shrinkage = shrinkage(all, all.held_rows, before, after);
 
     const auto ladder_step = [&](const std::vector<std::size_t>& entries, const Fit& fit) {
         out.ladder.push_back(
@@ -254,24 +220,21 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
         TERES_TRY(find_causes(problem, recordings[0], effects, &before, out));
     }
 
-    TERES_TRY_ASSIGN(Forecast forecast, Forecast::make(recordings[0], effects));
-    const Sharing whole_together(forecast.simulator.mechanics(), true);
-    forecast.hold_out_as(out.recording, simulator.times_s(), outlook.get());
-    const bool all_shown = forecast.part_fitted && !simulator.mechanics().dynamic();
-    stage(options, "held-out data")(0.0);
-    if (all_shown && out.named() != nullptr) fit_to_every_frame(problem, forecast, out.verdict.causes.front());
-
     // Where it lies, how far it closes on what was held out, whether it carries over.
     const Cause* named = out.named();
     const Fit& best = named != nullptr ? named->fit : out.nominal;
-    out.shown = all_shown ? forecast.recording : out.recording;
-    predict(out.nominal.at, simulator, forecast, all_shown, out.before, out.nominal_points_m, out.nodes_before_m);
-    out.gap_m = gap_rms_m(out.shown.observed, out.before, out.shown.seen_rows(), 0.0);
+    simulator.simulate(out.nominal.at, out.nominal.trajectory, &out.nominal_points_m, &out.nodes_before_m);
+    out.gap_m = gap_rms_m(out.recording.observed, out.nominal.trajectory, out.recording.seen_rows(), 0.0);
     out.error_floor = problem.floor;
     out.floor_m = std::sqrt(3.0 * problem.floor.total() / problem.whitener.inverse_sigma().squaredNorm());
     out.where = locate(simulator, problem.whitener, out.recording, out.nominal, out.significant ? named : nullptr,
                        out.significant);
-    predict(best.at, simulator, forecast, all_shown, out.after, out.points_m, out.nodes_after_m);
+    stage(options, "held-out data")(0.0);
+    TERES_TRY_ASSIGN(
+        Forecast forecast,
+        Forecast::make(recordings[0], effects, outlook != nullptr ? outlook->end_frame() : out.recording.num_frames));
+    if (!forecast.beginning_fitted) forecast.recording = out.recording;
+    simulator.simulate(best.at, out.after, forecast.beginning_fitted ? nullptr : &out.points_m, &out.nodes_after_m);
     if (named != nullptr && out.significant) place_by_forces(simulator, *named, out.where);
     close_on_held_out(out, forecast, best, effects);
     TERES_TRY_ASSIGN(out.transfers, transfer(problem, forecast, out.nominal, best, recordings, effects));

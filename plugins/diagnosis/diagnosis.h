@@ -59,9 +59,8 @@ struct Diagnosis {
     Verdict verdict;
     Fit nominal;
     Recording recording;
-    Recording predicted;  ///< what shrinkage and ladder are held out of: `recording`, or all of it if only a part was
-                          ///< fitted
-    Recording shown;      ///< what is drawn: all frames of a static recording, those fitted of a dynamic one
+    Recording predicted;  ///< what shrinkage and ladder are held out of: `recording`, or all of it if only its
+                          ///< beginning was fitted
     Screening screening;
     Confusability confusability;
     Discrepancy discrepancy;
@@ -74,7 +73,7 @@ struct Diagnosis {
     std::string next_experiment;
     std::vector<double> points_m, nominal_points_m;     ///< validation points with the named effects, without
     std::vector<double> nodes_before_m, nodes_after_m;  ///< all nodes per frame
-    Eigen::VectorXd before, after;                      ///< markers of `shown` without and with the named effects
+    Eigen::VectorXd after;                              ///< markers with the named effects
 
     /// The named answer: the most probable cause, or null if `none` or `unknown` is more probable.
     const Cause* named() const;

@@ -218,26 +218,4 @@ Result<Discrepancy> discrepancy_of(Simulator& simulator, const std::filesystem::
     return out;
 }
 
-Discrepancy at_times(const Discrepancy& discrepancy, const std::vector<double>& from_s,
-                     const std::vector<double>& to_s) {
-    Discrepancy out = discrepancy;
-    const auto channels = discrepancy.columns.rows() / static_cast<Eigen::Index>(from_s.size());
-    out.columns.resize(channels * static_cast<Eigen::Index>(to_s.size()), discrepancy.columns.cols());
-    out.remainder_m.resize(static_cast<Eigen::Index>(to_s.size()));
-    for (Eigen::Index f = 0; f < out.remainder_m.size(); ++f) {
-        const double t = to_s[static_cast<std::size_t>(f)];
-        const auto after = std::clamp<std::ptrdiff_t>(
-            std::upper_bound(from_s.begin(), from_s.end(), t) - from_s.begin(), 1, std::ssize(from_s) - 1);
-        const auto a = static_cast<std::size_t>(after - 1), b = static_cast<std::size_t>(after);
-        const double share = std::clamp((t - from_s[a]) / (from_s[b] - from_s[a]), 0.0, 1.0);
-        const auto rows = [&](std::size_t frame) {
-            return discrepancy.columns.middleRows(channels * static_cast<Eigen::Index>(frame), channels);
-        };
-        out.columns.middleRows(channels * f, channels) = (1.0 - share) * rows(a) + share * rows(b);
-        out.remainder_m(f) = (1.0 - share) * discrepancy.remainder_m(static_cast<Eigen::Index>(a)) +
-                             share * discrepancy.remainder_m(static_cast<Eigen::Index>(b));
-    }
-    return out;
-}
-
 }  // namespace teres

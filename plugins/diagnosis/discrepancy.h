@@ -10,7 +10,6 @@
 #include <Eigen/Dense>
 #include <cstdint>
 #include <filesystem>
-#include <vector>
 
 #include "core/result.h"
 #include "plugins/diagnosis/simulator.h"
@@ -29,9 +28,5 @@ struct Discrepancy {
 /// median.
 Result<Discrepancy> discrepancy_of(Simulator& simulator, const std::filesystem::path& cache, std::uint64_t key,
                                    const Simulator::Progress& progress);
-
-/// The same at other instants, by linear interpolation between these (ascending).
-Discrepancy at_times(const Discrepancy& discrepancy, const std::vector<double>& from_s,
-                     const std::vector<double>& to_s);
 
 }  // namespace teres

@@ -293,18 +293,18 @@ std::string report_json(const Diagnosis& d, const EffectTable& effects, const Tr
 
     Json marker_ids = Json::array(), observed = Json::array(), before = Json::array(), after = Json::array();
     for (std::size_t m = 0; m < model.num_markers(); ++m) marker_ids.push_back(model.marker_id(m));
-    for (Eigen::Index row = 0; row < d.shown.observed.size(); ++row) {
-        const double y = d.shown.observed(row);
+    for (Eigen::Index row = 0; row < d.recording.observed.size(); ++row) {
+        const double y = d.recording.observed(row);
         observed.push_back(std::isfinite(y) ? Json(std::round(1e6 * y) / 1e6) : Json(nullptr));
-        before.push_back(std::round(1e6 * d.before(row)) / 1e6);
+        before.push_back(std::round(1e6 * d.nominal.trajectory(row)) / 1e6);
         after.push_back(std::round(1e6 * d.after(row)) / 1e6);
     }
     json["markers"] = {{"marker_id", std::move(marker_ids)},
                        {"observed_m", std::move(observed)},
                        {"before_m", std::move(before)},
                        {"after_m", std::move(after)},
-                       {"first_held_frame", d.shown.first_held_frame},
-                       {"held_markers", d.shown.held_markers}};
+                       {"first_held_frame", d.recording.first_held_frame},
+                       {"held_markers", d.recording.held_markers}};
     return json.dump() + "\n";
 }
 

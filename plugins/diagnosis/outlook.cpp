@@ -14,7 +14,7 @@ constexpr double kLost = 1e6;  // cost per number of a model whose trajectory ca
 
 Result<std::unique_ptr<Outlook>> Outlook::make(const GapRecording& from, const EffectTable& effects,
                                                const Calibration& calibration) {
-    if (from.whole_mechanics == nullptr || !from.mechanics->dynamic()) return std::unique_ptr<Outlook>();
+    if (from.whole_mechanics == nullptr) return std::unique_ptr<Outlook>();
     const GapRecording whole = whole_of(from);
     TERES_TRY_ASSIGN(Recording recording, make_recording(whole));
     const std::size_t first = from.mechanics->num_frames(), all = recording.num_frames;

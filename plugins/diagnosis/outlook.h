@@ -15,7 +15,7 @@ namespace teres {
 
 class Outlook {
   public:
-    /// Of a dynamic recording of which only the beginning is fitted; else null. Errors: of make_recording().
+    /// Of a recording of which only the beginning is fitted; else null. Errors: of make_recording().
     static Result<std::unique_ptr<Outlook>> make(const GapRecording& from, const EffectTable& effects,
                                                  const Calibration& calibration);
 

@@ -163,9 +163,7 @@ class DiagnosisPlugin final : public Unit, public GapDiagnosis {
         }
         TERES_TRY_ASSIGN(const Diagnosis result, teres::diagnose(request.recordings, effects, options));
         json_ = teres::gap_json(result, effects, *first.mechanics, options.calibration);
-        const bool part = result.shown.num_frames != first.mechanics->num_frames();
-        report_ =
-            teres::report_json(result, effects, part ? *first.whole_mechanics : *first.mechanics, options.calibration);
+        report_ = teres::report_json(result, effects, *first.mechanics, options.calibration);
         points_ = result.points_m;
         nominal_points_ = result.nominal_points_m;
         return {};

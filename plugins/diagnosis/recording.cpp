@@ -39,17 +39,13 @@ void Recording::hold_out_markers(const Eigen::VectorXd& simulated) {
     std::stable_sort(order.begin(), order.end(), [&](std::int32_t a, std::int32_t b) {
         return gap[static_cast<std::size_t>(a)] > gap[static_cast<std::size_t>(b)];
     });
-    std::vector<std::int32_t> held;
-    for (std::size_t rank = kHeldMarkers / 2; rank < num_markers; rank += kHeldMarkers) held.push_back(order[rank]);
-    std::sort(held.begin(), held.end());
-    hold_out_markers(std::move(held));
-}
-
-void Recording::hold_out_markers(std::vector<std::int32_t> markers) {
     first_held_frame = num_frames;
-    held_markers = std::move(markers);
+    held_markers.clear();
     fit_rows.clear();
     held_rows.clear();
+    for (std::size_t rank = kHeldMarkers / 2; rank < num_markers; rank += kHeldMarkers)
+        held_markers.push_back(order[rank]);
+    std::sort(held_markers.begin(), held_markers.end());
     for (const Eigen::Index row : seen_rows()) {
         const bool held =
             std::binary_search(held_markers.begin(), held_markers.end(), static_cast<std::int32_t>(marker_of(row)));

@@ -31,14 +31,12 @@ struct Recording {
     /// its gap to `simulated`, so that those held out see as much of it as those fitted; never the two worst, which may
     /// have slipped or been exchanged.
     void hold_out_markers(const Eigen::VectorXd& simulated);
-    /// Holds out these (indices, ascending).
-    void hold_out_markers(std::vector<std::int32_t> markers);
     std::vector<Eigen::Index> seen_rows() const;
 
     static constexpr std::size_t kHeldShare = 6;  ///< one frame of six is held out, at the end
 };
 
-/// All of a recording of which only a part is fitted, for predictions.
+/// All of a recording of which only the beginning is fitted, for predictions.
 GapRecording whole_of(GapRecording recording);
 
 /// Errors (kInvalidInput): fewer than 3 markers or 8 frames, a marker that is never seen, stated noise not positive,

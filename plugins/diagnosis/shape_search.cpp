@@ -9,16 +9,19 @@ constexpr std::array kMoves{0.16, 0.08, 0.04, 0.02, 0.01};  // in prior standard
 constexpr int kRounds = 3;
 constexpr double kWorthMoving = 0.01;  // of the misfit
 
-void improve_shapes_of(std::size_t which, Simulator& simulator, const Whitener& whitener,
-                       const Eigen::VectorXd& observed, Fit& fit) {
-    const EffectEntry& entry = simulator.effects()[fit.at.effects[which].entry];
+}  // namespace
+
+void improve_shapes(Simulator& simulator, const Whitener& whitener, const Eigen::VectorXd& observed, Fit& fit) {
+    if (fit.at.effects.empty()) return;
+    const std::size_t last = fit.at.effects.size() - 1;
+    const EffectEntry& entry = simulator.effects()[fit.at.effects[last].entry];
     if (!entry.sensor && !entry.info.event) return;
     const FitSpace space(simulator.mechanics(), simulator.effects(), fit.at);
     for (int round = 0; round < kRounds; ++round) {
         std::vector<Assumption> others;
         for (std::size_t p = 0; p < entry.parameters.size(); ++p) {
             if (entry.parameters[p].role == EffectRole::kAmplitude) continue;
-            const Eigen::Index column = space.coordinate(which, p);
+            const Eigen::Index column = space.coordinate(last, p);
             for (const double move : kMoves)
                 for (const double sign : {-1.0, 1.0}) {
                     Eigen::VectorXd at = space.coordinates(fit.at);
@@ -37,16 +40,6 @@ void improve_shapes_of(std::size_t which, Simulator& simulator, const Whitener& 
         if (!moved.usable || moved.cost >= fit.cost) return;
         fit = std::move(moved);
     }
-}
-
-}  // namespace
-
-void improve_shapes(Simulator& simulator, const Whitener& whitener, const Eigen::VectorXd& observed, Fit& fit) {
-    if (!fit.at.effects.empty()) improve_shapes_of(fit.at.effects.size() - 1, simulator, whitener, observed, fit);
-}
-
-void improve_all_shapes(Simulator& simulator, const Whitener& whitener, const Eigen::VectorXd& observed, Fit& fit) {
-    for (std::size_t k = 0; k < fit.at.effects.size(); ++k) improve_shapes_of(k, simulator, whitener, observed, fit);
 }
 
 }  // namespace teres

@@ -77,9 +77,6 @@ Result<std::unique_ptr<ScenePlayer>> ScenePlayer::make(const Case& c, const Play
     if (p->times_.empty()) return invalid_input(c.folder.string() + ": the recording has no frames");
     if (settings.num_frames > 0)
         p->times_.resize(std::min(p->times_.size(), static_cast<std::size_t>(settings.num_frames)));
-    const auto every = static_cast<std::size_t>(settings.every_frame);
-    for (std::size_t f = 0; f * every < p->times_.size(); ++f) p->times_[f] = p->times_[f * every];
-    p->times_.resize((p->times_.size() + every - 1) / every);
     for (const double t : p->times_) p->frame_loads_.push_back(p->loads_at(t));
     p->batch_.assign(p->model_->num_state() * padded_lanes(1), 0.0);
     return p;

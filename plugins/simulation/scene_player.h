@@ -18,7 +18,6 @@ struct PlayerSettings {
     double most_failed_share = 0.1;  ///< of the frames; a trajectory with more that do not converge is given up
     int most_failed_in_a_row = 2;    ///< ... or with more than these one after another
     int num_frames = 0;              ///< only so many from the first; 0: all
-    int every_frame = 1;             ///< ... and of these one in so many, the first among them
     bool soft_clamps = true;         ///< clamped nodes sit on a thin stiff layer instead of being held, so that
                                      ///< effects can move it or let it give way
 };

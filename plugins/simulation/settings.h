@@ -39,7 +39,6 @@ struct SimulationSettings {
     double trajectory_residual = 1e-3;
     double max_step_s = 0.0025;
     int trajectory_frames = 0;
-    int trajectory_every = 1;
 
     template <class V>
     void visit(V& field) {
@@ -101,8 +100,6 @@ struct SimulationSettings {
         field("max_step_s", max_step_s, {1e-5, 1.0}, "trajectories of dynamic cases: longest time step");
         field("trajectory_frames", trajectory_frames, {0, 1000000},
               "trajectories: only so many frames from the first; 0: all");
-        field("trajectory_every", trajectory_every, {1, 1000000},
-              "trajectories: one frame in so many (of quasi-static recordings)");
     }
 
     /// The words of `effects`.
@@ -122,7 +119,6 @@ struct SimulationSettings {
         p.model = model_settings();
         p.max_step_s = max_step_s;
         p.num_frames = trajectory_frames;
-        p.every_frame = trajectory_every;
         p.model.equilibrium.relative_residual = trajectory_residual;
         p.model.equilibrium.min_iterations = 2;
         p.model.threads = 1;  // one lane: another thread solves other frames or other hypotheses

@@ -75,7 +75,6 @@ class ToyBody final : public TrajectoryModel {
     bool known_supports = false;  ///< k = (38, 70): nothing nominal is unknown
     bool inertia = false;         ///< says that it is dynamic
     std::size_t frames = kToyFrames;
-    double dt_s = kToyDt;
 
     bool dynamic() const noexcept override { return inertia; }
     std::size_t num_parameters() const noexcept override { return known_supports ? 0 : 2; }
@@ -83,7 +82,7 @@ class ToyBody final : public TrajectoryModel {
         return {i == 0 ? "support.0" : "support.1", "N/m", std::log(50.0), 0.5, 1.0, 1e4};
     }
     std::size_t num_frames() const noexcept override { return frames; }
-    double time_s(std::size_t f) const noexcept override { return dt_s * static_cast<double>(f); }
+    double time_s(std::size_t f) const noexcept override { return kToyDt * static_cast<double>(f); }
     std::size_t num_markers() const noexcept override { return kToyMarkers; }
     std::int32_t marker_id(std::size_t m) const noexcept override { return static_cast<std::int32_t>(10 + m); }
     std::size_t num_points() const noexcept override { return 1; }

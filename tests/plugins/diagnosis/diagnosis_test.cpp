@@ -113,48 +113,6 @@ TEST(Diagnosis, ForceLikeCauseIsNamedPlacedAndTimed) {
     EXPECT_GE(d->shrinkage.ci95[1], d->shrinkage.fraction);
 }
 
-// Every second frame is fitted; predicted, held out and shown are all.
-TEST(Diagnosis, SomeFramesOfALongStaticRecordingAreFitted) {
-    const std::vector<double> late{0.15, -0.1, -0.35, 0.08, 0.03, 9.5}, soft{0.4};
-    for (const EffectInstance& truth :
-         {EffectInstance{test::ToyBody::kUnknownLoad, late}, EffectInstance{test::ToyBody::kStiffness, soft}}) {
-        Scene scene({truth});
-        test::ToyBody part = scene.body;
-        part.frames = test::kToyFrames / 2;
-        part.dt_s = 2.0 * test::kToyDt;
-        constexpr std::ptrdiff_t kRow = 3 * test::kToyMarkers;
-        std::vector<double> observed;
-        for (std::size_t f = 0; f < test::kToyFrames; f += 2) {
-            const auto from = scene.observed.begin() + kRow * static_cast<std::ptrdiff_t>(f);
-            observed.insert(observed.end(), from, from + kRow);
-        }
-        GapRecording recording{"toy", &part, &scene.camera, observed, kNoise, 1};
-        recording.whole_mechanics = &scene.body;
-        recording.whole_sensors = &scene.camera;
-        recording.whole_observed_m = scene.observed;
-        scene.effects.emplace(part, &scene.camera, std::vector<const char*>{});
-        const auto d = diagnose({&recording, 1}, *scene.effects, {});
-        ASSERT_TRUE(d) << d.error().text;
-        const bool event = truth.index == test::ToyBody::kUnknownLoad;
-        ASSERT_EQ(scene.names(*d), Names{event ? "unknown_load" : "stiffness"}) << listing(*d, *scene.effects);
-        EXPECT_EQ(d->recording.num_frames, 30u);
-        EXPECT_EQ(d->shown.num_frames, 60u);
-        EXPECT_EQ(d->after.size(), static_cast<Eigen::Index>(60 * kRow));
-        EXPECT_EQ(d->points_m.size(), 3u * 60);
-        EXPECT_EQ(d->nodes_after_m.size(), 60u * static_cast<std::size_t>(kRow));
-        EXPECT_GT(d->shrinkage.fraction, 0.8);
-        EXPECT_EQ(d->predicted.held_markers.empty(), !event);
-        if (event) {
-            EXPECT_NEAR(*d->where.onset_s, 9.5, 0.1)
-                << "fitted frames are 9.2 and 9.6 s: the last fit saw that of 9.4 s";
-            EXPECT_EQ(d->predicted.held_markers, d->recording.held_markers);
-        } else {
-            EXPECT_EQ(d->recording.first_held_frame, 25u);
-            EXPECT_EQ(d->predicted.first_held_frame, 50u) << "the same instant";
-        }
-    }
-}
-
 TEST(Diagnosis, StiffnessSensorAndNoiseAreTold) {
     const std::vector<double> soft{0.4}, shift{0.004, -0.003, 0.005}, slip{0.004, 0.0, -0.005, 7.0, 4.1}, law{1500.0};
     {

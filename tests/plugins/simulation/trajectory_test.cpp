@@ -162,8 +162,8 @@ TEST(Trajectory, NullValuesAreNominalExactly) {
     }
 }
 
-// 8 s of loads that vary, a frame every 0.2 s.
-Case long_recording() {
+// A third of the frames solved: every effect grown to a candidate's size, and other ligaments.
+TEST(Trajectory, ApproximateIsSimulateWithinATenthOfTheChange) {
     Case c = block();
     const LoadSample load = c.loads[0];
     c.loads.clear();
@@ -175,41 +175,6 @@ Case long_recording() {
         c.loads.push_back(sample);
         for (const auto& m : c.markers) c.observations.push_back({sample.t_s, m.id, m.position_m});
     }
-    return c;
-}
-
-// Frames that are left out change nothing; of a body with memory, hardly anything.
-TEST(Trajectory, OneFrameInThree) {
-    const Case c = long_recording();
-    PlayerSettings some = exact();
-    some.every_frame = 3;
-    auto all = *Trajectory::make(c, exact()), part = *Trajectory::make(c, some);
-    ASSERT_EQ(part->num_frames(), 14u);
-    EXPECT_DOUBLE_EQ(part->time_s(13), 0.2 * 39);
-    const std::size_t row = 3 * part->num_markers();
-    std::int32_t viscous = 0;
-    while (std::string_view(all->effect(std::size_t(viscous)).id) != "viscoelasticity") ++viscous;
-    const std::vector<double> relaxing{1.0, 2.0};
-    for (const std::vector<EffectInstance>& effects :
-         {std::vector<EffectInstance>{}, std::vector<EffectInstance>{{viscous, relaxing}}}) {
-        const auto every = markers_under(*all, prior(*all), effects),
-                   third = markers_under(*part, prior(*part), effects);
-        double error = 0.0, moved = 0.0;
-        for (std::size_t f = 0; f < 14; ++f)
-            for (std::size_t i = 0; i < row; ++i) {
-                error = std::max(error, std::abs(every[3 * f * row + i] - third[f * row + i]));
-                moved = std::max(moved, std::abs(every[3 * f * row + i] - every[i]));
-            }
-        EXPECT_GT(moved, 1e-3);
-        EXPECT_LT(error, (effects.empty() ? 1e-4 : 0.02) * moved);
-        std::printf("one frame in three, %s: %.2g of the motion\n", effects.empty() ? "nominal" : "relaxing",
-                    error / moved);
-    }
-}
-
-// A third of the frames solved: every effect grown to a candidate's size, and other ligaments.
-TEST(Trajectory, ApproximateIsSimulateWithinATenthOfTheChange) {
-    const Case c = long_recording();
     auto t = *Trajectory::make(c, exact());
     ASSERT_EQ(t->num_frames(), 40u);
     auto theta = prior(*t);
