@@ -27,8 +27,7 @@ constexpr std::size_t kCompliances = 8;      // frames at which the tangent is f
 constexpr Eigen::Index kProperMotions = 16;  // of a dynamic trajectory
 constexpr std::size_t kStaticFrames = 4;     // at which a change is followed statically
 constexpr double kNoMotion = 1e-12;          // m
-constexpr std::size_t kSolvedShare = 3;      // approximate(): one in so many frames is solved ...
-constexpr std::size_t kLeastSolved = 20;     // ... at least so many ...
+constexpr std::size_t kSolvedShare = 3;      // approximate(): one in so many frames is solved
 constexpr std::size_t kFewFrames = 24;       // ... of more than these
 constexpr double kFirstShift = 1e-8;         // of the mean diagonal of an indefinite tangent
 constexpr std::size_t kFewShared = 8;        // frames that are not worth another thread
@@ -185,7 +184,7 @@ TrajectoryReport Trajectory::approximate(const Hypothesis& h, std::span<double> 
     base_->nearest = whole_->nearest;
     base_->with_markers = true;
 
-    const std::vector<std::int32_t> solved = frames_to_solve(change, std::max(F / kSolvedShare, kLeastSolved));
+    const std::vector<std::int32_t> solved = frames_to_solve(change, F / kSolvedShare);
     MatrixXd node_change = MatrixXd::Zero(static_cast<Eigen::Index>(dofs), static_cast<Eigen::Index>(solved.size())),
              rest = MatrixXd::Zero(rows, node_change.cols());  // zero where a trajectory is given up
     std::vector<double> whole(model.num_state(), 0.0);
