@@ -131,8 +131,14 @@ void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause)
     cause.score -= 0.5 * c.nu * std::max(0.0, gain - gain_beside_forms);
 }
 
+Fit fit_from_whole(Problem& problem, const Assumption& start, int iterations) {
+    Eigen::VectorXd trajectory;
+    if (!problem.simulator.mechanics().dynamic()) problem.simulator.simulate(start, trajectory);
+    return problem.fit(start, iterations);
+}
+
 Cause fitted_from(Problem& problem, const Fit& nominal, Cause cause, const Assumption& start, int iterations) {
-    cause.fit = problem.fit(start, iterations);
+    cause.fit = fit_from_whole(problem, start, iterations);
     problem.look_ahead(cause.fit);
     if (cause.fit.usable) take_noise(problem, cause.fit);
     score(problem, nominal, nullptr, cause);

@@ -17,6 +17,10 @@ struct Base {
 /// One more effect on top of what is known (null: of the nominal fit), refitted with everything free.
 Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const EffectScreening& added, int iterations);
 
+/// A fit that begins with every frame of a static recording solved, one after the other: a body may have several
+/// equilibria, and the one that another hypothesis leads to need not be that of its course.
+Fit fit_from_whole(Problem& problem, const Assumption& start, int iterations);
+
 /// A cause (its effects and their search cost) fitted and scored from given values.
 Cause fitted_from(Problem& problem, const Fit& nominal, Cause cause, const Assumption& start, int iterations);
 

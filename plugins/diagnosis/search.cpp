@@ -13,6 +13,8 @@ namespace teres {
 namespace {
 
 constexpr std::size_t kPolished = 2;
+constexpr int kPolishRounds = 3;
+constexpr double kSettled = 0.95;  // of what was left: no further round
 constexpr int kIterations = 8, kFurtherIterations = 6;  // of a refit
 constexpr double kOutOfReach = 15.0;    // nats between a fitted cause and the screening of one that need not be fitted
 constexpr double kMost = 0.9;           // explained: the search need not go on
@@ -233,11 +235,16 @@ void finish(Problem& problem, const Fit& nominal, const Base* base, const Screen
     side_by_side(problem, polished, [&](Problem& p, std::size_t k) {
         Cause& cause = causes[k];
         if (!cause.fit.usable || cause.entries.size() != size) return;  // others were finished before
-        Fit better = p.fit(cause.fit.at, kFurtherIterations);
-        if (better.usable && better.misfit < cause.fit.residual.squaredNorm()) {
+        // Not settled, what is left of its own would be explained by whatever is added to it.
+        for (int round = 0; round < (p.simulator.mechanics().dynamic() ? 1 : kPolishRounds); ++round) {
+            const double before = cause.fit.residual.squaredNorm();
+            Fit better = fit_from_whole(p, cause.fit.at, kFurtherIterations);
+            if (!better.usable || better.misfit >= before) break;
+            const bool settled = better.misfit > kSettled * before;
             cause.fit = std::move(better);
             p.look_ahead(cause.fit);
             take_noise(p, cause.fit);
+            if (settled) break;
         }
         score(p, nominal, base, cause);
     });
