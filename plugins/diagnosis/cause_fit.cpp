@@ -133,7 +133,7 @@ void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause)
 
 Fit fit_from_whole(Problem& problem, const Assumption& start, int iterations) {
     Eigen::VectorXd trajectory;
-    if (!problem.simulator.mechanics().dynamic()) problem.simulator.simulate(start, trajectory);
+    if (!problem.simulator.mechanics().dynamic() && !problem.simulator.simulate(start, trajectory)) return {};
     return problem.fit(start, iterations);
 }
 

@@ -18,7 +18,8 @@ struct Base {
 Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const EffectScreening& added, int iterations);
 
 /// A fit that begins with every frame of a static recording solved, one after the other: a body may have several
-/// equilibria, and the one that another hypothesis leads to need not be that of its course.
+/// equilibria, and the one that another hypothesis leads to need not be that of its course. Not usable if that does not
+/// converge.
 Fit fit_from_whole(Problem& problem, const Assumption& start, int iterations);
 
 /// A cause (its effects and their search cost) fitted and scored from given values.

@@ -10,8 +10,7 @@ namespace teres {
 namespace {
 
 constexpr int kIterations = 6;
-constexpr double kRunnerUp = 15.0;   // nats behind the best single effect
-constexpr double kFarBehind = 15.0;  // nats: what needs no further search
+constexpr double kFarBehind = 15.0;  // nats: no rival any more
 constexpr double kHardlyLess = 0.9;  // of what is left without the second effect
 constexpr double kVeryMuch = 5.0;    // times what noise and model error explain
 constexpr double kFormShare = 0.2;   // standard deviation of a form, share of the effect's motion
@@ -83,7 +82,7 @@ const Cause* runner_up(const std::vector<Cause>& causes, const Cause& best) {
     const Cause* next = nullptr;
     for (const Cause& cause : causes)
         if (cause.fit.usable && cause.entries.size() == 1 && cause.entries != best.entries &&
-            cause.score > best.score - kRunnerUp && (next == nullptr || cause.score > next->score))
+            cause.score > best.score - kFarBehind && (next == nullptr || cause.score > next->score))
             next = &cause;
     return next;
 }

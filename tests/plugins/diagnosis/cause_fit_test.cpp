@@ -31,6 +31,8 @@ TEST(CauseFit, BeginsWithItsOwnCourse) {
     EXPECT_NEAR(problem.fit(truth, 0).misfit, far, 1e-6 * far);
     ASSERT_TRUE(simulator.simulate(other, trajectory));
     EXPECT_LT(fit_from_whole(problem, truth, 0).misfit, 1e-6);
+    body.converges = false;
+    EXPECT_FALSE(fit_from_whole(problem, truth, 0).usable);
 }
 
 }  // namespace
