@@ -285,6 +285,8 @@ TEST(Scoring, EqualsPenAndPaper) {
     EXPECT_THAT(s.wrong_shrinkage, ::testing::ElementsAre(0.3));
     // Bins: 0.5 (wrong), 0.6 (wrong), 0.7 (wrong), 0.8 (right), 0.9: three of three at 0.9, 0.95, 0.9.
     EXPECT_NEAR(s.ece, (0.5 + 0.6 + 0.7 + 0.2 + (3.0 - 2.75)) / 7.0, 1e-9);
+    // One alone deviates by 2 p (1 - p); of three at 0.9, 0.95, 0.9 all are right in 0.7695, two in 0.2115, ...
+    EXPECT_NEAR(s.ece_of_chance, (0.5 + 0.48 + 0.42 + 0.32 + 0.38475) / 7.0, 1e-9);
     EXPECT_EQ(s.confusion.at("pressure").at("gravity"), 1);
     EXPECT_EQ(s.confusion.count("cut"), 0u);
     EXPECT_EQ(s.effects.at("latency").top3.right, 0);

@@ -93,7 +93,8 @@ std::string report_text(const Summary& s) {
     line("error of inner points removed (noise-free truth), right / wrong cause, median",
          percent(median(s.true_shrinkage)) + " / " + percent(median(s.wrong_shrinkage)));
     line("... of mechanical causes within the stated 95 % interval", share(s.coverage));
-    line("calibration error (ECE)", fmt::format("{:.3f}", s.ece));
+    line("calibration error (ECE); calibrated answers as few as these",
+         fmt::format("{:.3f}; {:.3f}", s.ece, s.ece_of_chance));
     line("one diagnosis, median / largest",
          value(median(s.seconds), "{:.1f}", " s / ") +
              (s.seconds.empty() ? "-" : value(*std::max_element(s.seconds.begin(), s.seconds.end()), "{:.1f}", " s")));

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <numeric>
 #include <sstream>
 
 #include "tools/blindtest/effect_draws.h"
@@ -269,13 +270,26 @@ double median(std::vector<double> values) {
     return 0.5 * (values[(n - 1) / 2] + values[n / 2]);
 }
 
+double mean_deviation(std::span<const double> probabilities) {
+    std::vector<double> happens{1.0};  // probability that so many do
+    for (const double p : probabilities) {
+        happens.push_back(0.0);
+        for (std::size_t k = happens.size(); k-- > 1;) happens[k] = (1.0 - p) * happens[k] + p * happens[k - 1];
+        happens[0] *= 1.0 - p;
+    }
+    const double mean = std::accumulate(probabilities.begin(), probabilities.end(), 0.0);
+    double deviation = 0.0;
+    for (std::size_t k = 0; k < happens.size(); ++k) deviation += happens[k] * std::abs(static_cast<double>(k) - mean);
+    return deviation;
+}
+
 Summary summarise(std::span<const CaseResult> results, std::optional<double> floor_mm) {
     Summary s;
     if (!floor_mm) s.body_floor_mm = control_floors(results);
     std::vector<double> floors;
     for (const auto& [body, floor] : s.body_floor_mm) floors.push_back(floor);
     s.floor_mm = floor_mm.value_or(floors.empty() ? kUsualFloor_mm : median(floors));
-    std::array<double, 10> probability_sum{};
+    std::array<std::vector<double>, 10> stated;
     for (const CaseResult& r : results) {
         if (!r.answer) {
             ++s.failed;
@@ -304,17 +318,22 @@ Summary summarise(std::span<const CaseResult> results, std::optional<double> flo
         if (control || visible) ++s.confusion[r.truth][best];
         const auto bin = std::min<std::size_t>(9, static_cast<std::size_t>(10.0 * probability));
         s.reliability[bin].right.add(right);
-        probability_sum[bin] += probability;
+        stated[bin].push_back(probability);
     }
     double total = 0.0;
     for (std::size_t b = 0; b < 10; ++b) {
         ReliabilityBin& bin = s.reliability[b];
         if (bin.right.of == 0) continue;
-        bin.mean_probability = probability_sum[b] / bin.right.of;
+        const double sum = std::accumulate(stated[b].begin(), stated[b].end(), 0.0);
+        bin.mean_probability = sum / bin.right.of;
         total += bin.right.of;
-        s.ece += std::abs(probability_sum[b] - bin.right.right);  // sum of n |confidence - accuracy|
+        s.ece += std::abs(sum - bin.right.right);  // sum of n |confidence - accuracy|
+        s.ece_of_chance += mean_deviation(stated[b]);
     }
-    if (total > 0.0) s.ece /= total;
+    if (total > 0.0) {
+        s.ece /= total;
+        s.ece_of_chance /= total;
+    }
     return s;
 }
 

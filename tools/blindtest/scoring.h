@@ -89,6 +89,9 @@ struct Summary {
     std::vector<double> place_mm, seconds, peak_mb;
     std::array<ReliabilityBin, 10> reliability{};
     double ece = 0.0;
+    /// What the calibration error of answers as sure as these would be on average if they were calibrated: with few
+    /// cases much of it is chance. Within a bin the number right is then a sum of Bernoulli(p_i).
+    double ece_of_chance = 0.0;
     std::map<std::string, EffectRow> effects;
     std::map<std::string, std::map<std::string, int>>
         confusion;  ///< truth -> answer -> count, visible causes and controls
@@ -99,5 +102,8 @@ struct Summary {
 Summary summarise(std::span<const CaseResult> results, std::optional<double> floor_mm = {});
 
 double median(std::vector<double> values);  ///< NaN if empty
+
+/// E |X - sum p_i| of X, the number of events that happen with probabilities p_i, each on its own.
+double mean_deviation(std::span<const double> probabilities);
 
 }  // namespace teres::blindtest
