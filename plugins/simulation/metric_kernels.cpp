@@ -1,5 +1,7 @@
 #include "plugins/simulation/metric_kernels.h"
 
+#include <type_traits>
+
 #include "plugins/simulation/lane_packs.h"
 
 namespace teres {
@@ -48,47 +50,120 @@ inline void upper(const Panel& p, const std::int32_t* rows, const float* values,
     }
 }
 
+// One lane alone: the columns of a panel take the place of lanes.
+using Quad = LanePack<float, 4>;
+
+// The sums of the entries of each of four packs.
+inline Quad sums(const Quad& a, const Quad& b, const Quad& c, const Quad& d) {
+    const Quad ab = __builtin_shufflevector(a, b, 0, 4, 1, 5) + __builtin_shufflevector(a, b, 2, 6, 3, 7);
+    const Quad cd = __builtin_shufflevector(c, d, 0, 4, 1, 5) + __builtin_shufflevector(c, d, 2, 6, 3, 7);
+    return __builtin_shufflevector(ab, cd, 0, 1, 4, 5) + __builtin_shufflevector(ab, cd, 2, 3, 6, 7);
+}
+
+template <int kWidth>
+inline void lower_one(const Panel& p, const std::int32_t* rows, const float* values, float* y, std::size_t stride) {
+    constexpr int kQuads = kWidth / 4;
+    float x[kWidth];
+    float* own = y + static_cast<std::size_t>(p.first_row) * stride;
+    const float* L = values + p.triangle;
+    for (int j = 0; j < kWidth; ++j) {
+        float v = own[static_cast<std::size_t>(j) * stride];
+        for (int i = 0; i < j; ++i) v -= L[j * kWidth + i] * x[i];
+        own[static_cast<std::size_t>(j) * stride] = x[j] = v * L[j * kWidth + j];
+    }
+    Quad of_x[kQuads > 0 ? kQuads : 1];
+    for (int q = 0; q < kQuads; ++q) of_x[q] = load_pack<Quad>(x + 4 * q);
+    const float* B = values + p.rectangle;
+    const std::int32_t* below = rows + p.below;
+    const auto at = [&](int r) -> float& { return y[static_cast<std::size_t>(below[r]) * stride]; };
+    const auto rest = [&](const float* row) {
+        float sum = 0.0f;
+        for (int j = 4 * kQuads; j < kWidth; ++j) sum += row[j] * x[j];
+        return sum;
+    };
+    int r = 0;
+    if constexpr (kQuads > 0)
+        for (; r + 4 <= p.num_below; r += 4, B += 4 * kWidth) {
+            Quad product[4];
+            for (int k = 0; k < 4; ++k) {
+                product[k] = load_pack<Quad>(B + k * kWidth) * of_x[0];
+                for (int q = 1; q < kQuads; ++q) product[k] += load_pack<Quad>(B + k * kWidth + 4 * q) * of_x[q];
+            }
+            const Quad sum = sums(product[0], product[1], product[2], product[3]);
+            for (int k = 0; k < 4; ++k) at(r + k) -= sum[k] + rest(B + k * kWidth);
+        }
+    for (; r < p.num_below; ++r, B += kWidth) {
+        float sum = rest(B);
+        for (int j = 0; j < 4 * kQuads; ++j) sum += B[j] * x[j];
+        at(r) -= sum;
+    }
+}
+
+template <int kWidth>
+inline void upper_one(const Panel& p, const std::int32_t* rows, const float* values, float* y, std::size_t stride) {
+    constexpr int kQuads = kWidth / 4;
+    Quad even[kQuads > 0 ? kQuads : 1]{}, odd[kQuads > 0 ? kQuads : 1]{};
+    float x[kWidth]{};
+    const float* B = values + p.rectangle;
+    const std::int32_t* below = rows + p.below;
+    const auto take = [&](Quad* sum, float v) {
+        for (int q = 0; q < kQuads; ++q) sum[q] -= load_pack<Quad>(B + 4 * q) * v;
+        for (int j = 4 * kQuads; j < kWidth; ++j) x[j] -= B[j] * v;
+        B += kWidth;
+    };
+    int r = 0;
+    for (; r + 2 <= p.num_below; r += 2) {
+        take(even, y[static_cast<std::size_t>(below[r]) * stride]);
+        take(odd, y[static_cast<std::size_t>(below[r + 1]) * stride]);
+    }
+    if (r < p.num_below) take(even, y[static_cast<std::size_t>(below[r]) * stride]);
+    for (int q = 0; q < kQuads; ++q) store_pack(x + 4 * q, Quad(even[q] + odd[q]));
+    float* own = y + static_cast<std::size_t>(p.first_row) * stride;
+    const float* L = values + p.triangle;
+    for (int j = kWidth - 1; j >= 0; --j) {
+        float v = own[static_cast<std::size_t>(j) * stride] + x[j];
+        for (int i = j + 1; i < kWidth; ++i) v -= L[i * kWidth + j] * x[i];
+        own[static_cast<std::size_t>(j) * stride] = x[j] = v * L[j * kWidth + j];
+    }
+}
+
+template <class Work>
+inline void with_width(std::int32_t width, const Work& work) {
+    switch (width) {
+        case 12:
+            return work(std::integral_constant<int, 12>{});
+        case 6:
+            return work(std::integral_constant<int, 6>{});
+        case 3:
+            return work(std::integral_constant<int, 3>{});
+        default:
+            return work(std::integral_constant<int, 1>{});
+    }
+}
+
+// P: a pack of lanes, or float for one alone.
 template <class P>
 inline void lower_all(const std::vector<Panel>& panels, const std::int32_t* rows, const float* values, float* y,
                       std::size_t stride) {
-    for (const auto& p : panels) {
-        switch (p.width) {
-            case 12:
-                lower<12, P>(p, rows, values, y, stride);
-                break;
-            case 6:
-                lower<6, P>(p, rows, values, y, stride);
-                break;
-            case 3:
-                lower<3, P>(p, rows, values, y, stride);
-                break;
-            default:
-                lower<1, P>(p, rows, values, y, stride);
-                break;
-        }
-    }
+    for (const auto& p : panels)
+        with_width(p.width, [&](auto width) {
+            if constexpr (std::is_same_v<P, float>)
+                lower_one<width()>(p, rows, values, y, stride);
+            else
+                lower<width(), P>(p, rows, values, y, stride);
+        });
 }
 
 template <class P>
 inline void upper_all(const std::vector<Panel>& panels, const std::int32_t* rows, const float* values, float* y,
                       std::size_t stride) {
-    for (std::size_t k = panels.size(); k-- > 0;) {
-        const auto& p = panels[k];
-        switch (p.width) {
-            case 12:
-                upper<12, P>(p, rows, values, y, stride);
-                break;
-            case 6:
-                upper<6, P>(p, rows, values, y, stride);
-                break;
-            case 3:
-                upper<3, P>(p, rows, values, y, stride);
-                break;
-            default:
-                upper<1, P>(p, rows, values, y, stride);
-                break;
-        }
-    }
+    for (std::size_t k = panels.size(); k-- > 0;)
+        with_width(panels[k].width, [&](auto width) {
+            if constexpr (std::is_same_v<P, float>)
+                upper_one<width()>(panels[k], rows, values, y, stride);
+            else
+                upper<width(), P>(panels[k], rows, values, y, stride);
+        });
 }
 
 template <class P>
@@ -112,6 +187,7 @@ inline void subtract(const float* W, const float* c, float* y, std::size_t first
 TERES_MULTIVERSION
 void solve_lower(const std::vector<Panel>& panels, const std::int32_t* rows, const float* values, float* y,
                  std::size_t stride, std::size_t first_lane, std::size_t lanes) noexcept {
+    if (lanes == 1) return lower_all<float>(panels, rows, values, y + first_lane, stride);
     std::size_t l = first_lane;
     const std::size_t last = first_lane + lanes;
     for (; l + 16 <= last; l += 16) lower_all<LanePack<float, 16>>(panels, rows, values, y + l, stride);
@@ -122,6 +198,7 @@ void solve_lower(const std::vector<Panel>& panels, const std::int32_t* rows, con
 TERES_MULTIVERSION
 void solve_upper(const std::vector<Panel>& panels, const std::int32_t* rows, const float* values, float* y,
                  std::size_t stride, std::size_t first_lane, std::size_t lanes) noexcept {
+    if (lanes == 1) return upper_all<float>(panels, rows, values, y + first_lane, stride);
     std::size_t l = first_lane;
     const std::size_t last = first_lane + lanes;
     for (; l + 16 <= last; l += 16) upper_all<LanePack<float, 16>>(panels, rows, values, y + l, stride);

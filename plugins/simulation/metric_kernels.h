@@ -10,7 +10,7 @@
 
 namespace teres {
 
-/// L y = y over the panels in order, lanes [first_lane, first_lane + lanes) (a multiple of 4).
+/// L y = y over the panels in order, lanes [first_lane, first_lane + lanes): one, or a multiple of 4.
 void solve_lower(const std::vector<MetricSolver::Panel>& panels, const std::int32_t* rows, const float* values,
                  float* y, std::size_t stride, std::size_t first_lane, std::size_t lanes) noexcept;
 /// L^T y = y over the panels in reverse order.

@@ -138,7 +138,7 @@ void MetricSolver::renew(const Cholesky& cholesky) noexcept {
 
 void MetricSolver::solve(float* y, std::size_t lanes, std::size_t open, TaskTeam& team) noexcept {
     const std::size_t stride = lane_stride(lanes), top = top_first_ * stride, top_size = top_rows_ * stride;
-    const std::size_t width = std::min(lane_stride(open), stride);
+    const std::size_t width = open == 1 ? 1 : std::min(lane_stride(open), stride);
     const std::size_t threads = shares_.size();
     TERES_CHECK(static_cast<std::size_t>(team.threads()) == threads);
     std::fill(y + top + top_size, y + storage_rows_ * stride, 0.0f);
