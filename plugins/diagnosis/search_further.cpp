@@ -27,11 +27,13 @@ Whitener looser_whitener(Problem& problem, const Fit& known) {
 }
 
 // One effect more than `known`. Nothing if looser forms of that explain what is left; only a sensor if they might.
-std::vector<Cause> search_on_top(Problem& problem, const Fit& nominal, const Cause& known) {
+// Fills its misfit beside forms.
+std::vector<Cause> search_on_top(Problem& problem, const Fit& nominal, Cause& known) {
     Base base{known, looser_whitener(problem, known.fit), known.fit, 0.0};
     complete(problem.simulator, base.looser, problem.recording.observed, base.fit);
     if (!base.fit.usable) return {};
     base.misfit = misfit_under(problem, base.looser, base.fit, nominal.u.size());
+    known.misfit_beside_forms = base.misfit;
     const double noise = problem.simulator.noise_factor(known.fit.at);
     const double above = base.fit.cost / (noise * noise) + base.fit.later - problem.floor.total();
     if (above < 0.0) return {};
@@ -108,6 +110,14 @@ void add(std::vector<Cause>& causes, std::vector<Cause> more) {
     for (Cause& cause : more) keep_better(causes, std::move(cause));
 }
 
+// Searched on top of one of `causes`.
+std::vector<Cause> search_on_top_of(Problem& problem, const Fit& nominal, Cause known, std::vector<Cause>& causes) {
+    std::vector<Cause> larger = search_on_top(problem, nominal, known);
+    for (Cause& cause : causes)
+        if (cause.entries == known.entries) cause.misfit_beside_forms = known.misfit_beside_forms;
+    return larger;
+}
+
 // What a search on top of the beginning found.
 struct AfterBeginning {
     bool made = false;
@@ -160,18 +170,18 @@ bool search_further(Problem& problem, const Fit& nominal, const Screening& scree
     if (base.fit.compared_cost() > kVeryMuch * problem.floor.total() && begins_otherwise())
         after = search_after_beginning(problem, nominal, *screening.of_beginning, true, causes);
     if (after.ends_apart) return ended();
-    std::vector<Cause> larger = search_on_top(problem, nominal, base);
+    std::vector<Cause> larger = search_on_top_of(problem, nominal, base, causes);
     const bool done = !larger.empty() && suffices(problem, larger.front());
     if (const Cause* next = runner_up(causes, base);
         problem.simulator.mechanics().dynamic() && base.entries.size() == 1 && !done && next != nullptr)
-        add(causes, search_on_top(problem, nominal, Cause(*next)));
+        add(causes, search_on_top_of(problem, nominal, *next, causes));
     const std::optional<Cause> best =
         !larger.empty() && larger.front().fit.usable ? std::optional(larger.front()) : std::nullopt;
     if (best) add(causes, std::move(larger));
     if (!after.made && !done && begins_otherwise())
         after = search_after_beginning(problem, nominal, *screening.of_beginning, false, causes);
     if (best && !after.suffices && may_exchange(problem, base, *best)) {
-        const Cause rest = without_first(problem, nominal, *best, causes);
+        Cause rest = without_first(problem, nominal, *best, causes);
         if (rest.fit.usable) {
             add(causes, search_on_top(problem, nominal, rest));
             keep_better(causes, rest);

@@ -34,6 +34,15 @@ double price_of_rival(const std::vector<Cause>& causes, double rest, const Calib
                                      : rival->price.total();
 }
 
+// What looser forms of the best cause would explain besides [nats]: no evidence for something else.
+double forms_of_best(const std::vector<Cause>& causes, const ErrorFloor& floor, const Calibration& calibration) {
+    const auto best = std::max_element(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) {
+        return (a.fit.usable ? a.score : 0.0) < (b.fit.usable ? b.score : 0.0);
+    });
+    if (best == causes.end() || !best->fit.usable || best->score <= 0.0 || !best->misfit_beside_forms) return 0.0;
+    return std::max(0.0, gain(best->misfit, *best->misfit_beside_forms, floor, calibration));
+}
+
 // Evidence for an effect that shows, logarithm: a score of 0 says that the effect may be there unseen, which is `none`.
 double visible_evidence(double score) {
     constexpr double kUnseen = 0.02, kLarge = 30.0;  // a trace of it, so that the order stays
@@ -92,8 +101,8 @@ Verdict judge(std::vector<Cause> causes, double cost_null, const ErrorFloor& flo
     Verdict verdict;
     const double rest = unexplained(cost_null, floor, calibration);
     const double beyond = unknown_gain(cost_null, floor, calibration);
-    const double unknown =
-        visible_evidence(beyond - std::max(calibration.unknown_price, price_of_rival(causes, rest, calibration)));
+    const double price = std::max(calibration.unknown_price, price_of_rival(causes, rest, calibration));
+    const double unknown = visible_evidence(beyond - price - forms_of_best(causes, floor, calibration));
 
     // Which cause, if there is one.
     double top = unknown;

@@ -15,6 +15,7 @@
 // above: cost beyond the stated noise (error_floor.h).
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -39,7 +40,10 @@ struct Cause {
     Fit fit;                   ///< of the refit; not usable if only screened
     double search_cost = 0.0;  ///< sum over its effects
     double misfit = 0.0;       ///< of a fitted cause: whitened cost without the price of its amplitudes
-    Price price{};             ///< of a fitted cause
+    /// The same where what its effects may get wrong of their form is not held against it (form_columns.h): known if
+    /// more was searched on top of it.
+    std::optional<double> misfit_beside_forms{};
+    Price price{};  ///< of a fitted cause
     double score = 0.0;
     double probability = 0.0;
     double explained = 0.0;  ///< share of the cost above the floor that it takes away

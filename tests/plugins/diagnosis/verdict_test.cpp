@@ -40,6 +40,22 @@ TEST(Verdict, ASingleCauseThatLeavesMuchIsUnknown) {
     EXPECT_GT(verdict.unknown_probability, 0.9);
 }
 
+// What looser forms of the best cause explain (it leaves 3, beside them 2.5) is no evidence for
+// something else.
+TEST(Verdict, UnknownIsWorthWhatItGainsBesideFormsOfTheBest) {
+    const auto lead_of_unknown = [](const Cause& cause) {
+        const Verdict verdict = judge({cause, fitted({1}, 8.0, 5.0)}, kNominal, kFloor, {});
+        return Calibration{}.temperature * std::log(verdict.unknown_probability / probability_of(verdict, {0}));
+    };
+    Cause cause = fitted({0}, 3.0, 5.0);
+    const double alone = 22.5 * std::log(4.0 / 3.35) - 6.0 + 5.0;
+    EXPECT_NEAR(lead_of_unknown(cause), alone, 1e-6);
+    cause.misfit_beside_forms = 2.5;
+    EXPECT_NEAR(lead_of_unknown(cause), alone - 22.5 * std::log(4.0 / 3.5), 1e-6);
+    cause.misfit_beside_forms = 3.5;  // never more evidence
+    EXPECT_NEAR(lead_of_unknown(cause), alone, 1e-6);
+}
+
 // The pair reaches the floor at 20 nats; the single cause leaves 6 at 5 nats. An unknown effect would pay at least what
 // the pair pays.
 TEST(Verdict, APairThatExplainsEverythingIsNotUnknown) {
