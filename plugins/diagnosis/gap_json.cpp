@@ -207,13 +207,16 @@ Json to_json(const Diagnosis& d, const EffectTable& effects, const TrajectoryMod
         {"fits", Json::array()}};
     for (const Cause& cause : d.verdict.causes)
         if (cause.fit.usable)
-            json["evidence"]["fits"].push_back({{"effects", names(effects, cause.entries)},
-                                                {"cost", cause.misfit / used},
-                                                {"score", cause.score},
-                                                {"tail_nats", cause.price.tail},
-                                                {"occam_nats", cause.price.occam},
-                                                {"search_nats", cause.price.search},
-                                                {"further_nats", cause.price.further}});
+            json["evidence"]["fits"].push_back(
+                {{"effects", names(effects, cause.entries)},
+                 {"cost", cause.misfit / used},
+                 {"cost_beside_forms",
+                  cause.misfit_beside_forms ? Json(*cause.misfit_beside_forms / used) : Json(nullptr)},
+                 {"score", cause.score},
+                 {"tail_nats", cause.price.tail},
+                 {"occam_nats", cause.price.occam},
+                 {"search_nats", cause.price.search},
+                 {"further_nats", cause.price.further}});
     return json;
 }
 
