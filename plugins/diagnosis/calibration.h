@@ -16,7 +16,7 @@ struct Calibration {
     /// Prior cost of every effect beyond the first [nats].
     double further_effect = 3.0;
     /// ... and of every mechanical effect beyond the first besides: two may stand for the error of form of one.
-    double further_mechanical = 3.0;
+    double further_mechanical = 5.0;
     /// `unknown` is a cause that would leave the floor and this share of what is above it ...
     double unknown_share = 0.15;
     /// ... at the price of the best cause that does as well, and at least this [nats] ...
