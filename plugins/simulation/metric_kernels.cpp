@@ -117,7 +117,10 @@ inline void upper_one(const Panel& p, const std::int32_t* rows, const float* val
         take(odd, y[static_cast<std::size_t>(below[r + 1]) * stride]);
     }
     if (r < p.num_below) take(even, y[static_cast<std::size_t>(below[r]) * stride]);
-    for (int q = 0; q < kQuads; ++q) store_pack(x + 4 * q, Quad(even[q] + odd[q]));
+    for (int q = 0; q < kQuads; ++q) {
+        even[q] += odd[q];
+        store_pack(x + 4 * q, even[q]);
+    }
     float* own = y + static_cast<std::size_t>(p.first_row) * stride;
     const float* L = values + p.triangle;
     for (int j = kWidth - 1; j >= 0; --j) {
