@@ -181,10 +181,10 @@ bool search_further(Problem& problem, const Fit& nominal, const Screening& scree
     if (!after.made && !done && begins_otherwise())
         after = search_after_beginning(problem, nominal, *screening.of_beginning, false, causes);
     if (best && !after.suffices && may_exchange(problem, base, *best)) {
-        Cause rest = without_first(problem, nominal, *best, causes);
+        const Cause rest = without_first(problem, nominal, *best, causes);
         if (rest.fit.usable) {
-            add(causes, search_on_top(problem, nominal, rest));
             keep_better(causes, rest);
+            add(causes, search_on_top_of(problem, nominal, rest, causes));
         }
     }
     return ended();

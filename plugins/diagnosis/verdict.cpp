@@ -17,18 +17,24 @@ double unexplained(double cost_null, const ErrorFloor& floor, const Calibration&
     return reached + calibration.unknown_share * (cost_null - reached);
 }
 
-// Price of the best credible cause that leaves no more than `rest`; if there is none, of the best one whose evidence
-// outweighs its price at all.
+// The best fitted cause whose evidence outweighs its price and that is `wanted`, or null.
+template <class Wanted>
+const Cause* best_fitted(const std::vector<Cause>& causes, const Wanted& wanted) {
+    const Cause* best = nullptr;
+    for (const Cause& cause : causes)
+        if (cause.fit.usable && cause.score > 0.0 && wanted(cause) && (best == nullptr || cause.score > best->score))
+            best = &cause;
+    return best;
+}
+const Cause* best_fitted(const std::vector<Cause>& causes) {
+    return best_fitted(causes, [](const Cause&) { return true; });
+}
+
+// Price of the best credible cause that leaves no more than `rest`; if there is none, of the best one at all.
 double price_of_rival(const std::vector<Cause>& causes, double rest, const Calibration& calibration) {
-    const Cause *best = nullptr, *sufficient = nullptr;
-    for (const Cause& cause : causes) {
-        if (!cause.fit.usable || cause.score <= 0.0) continue;
-        if (best == nullptr || cause.score > best->score) best = &cause;
-        if (cause.misfit <= rest && cause.score >= calibration.none_bonus &&
-            (sufficient == nullptr || cause.score > sufficient->score))
-            sufficient = &cause;
-    }
-    const Cause* rival = sufficient != nullptr ? sufficient : best;
+    const Cause* rival =
+        best_fitted(causes, [&](const Cause& c) { return c.misfit <= rest && c.score >= calibration.none_bonus; });
+    if (rival == nullptr) rival = best_fitted(causes);
     if (rival == nullptr) return 0.0;
     return rival->entries.size() > 1 ? std::min(rival->price.total(), calibration.unknown_price_most)
                                      : rival->price.total();
@@ -36,10 +42,8 @@ double price_of_rival(const std::vector<Cause>& causes, double rest, const Calib
 
 // What looser forms of the best cause would explain besides [nats]: no evidence for something else.
 double forms_of_best(const std::vector<Cause>& causes, const ErrorFloor& floor, const Calibration& calibration) {
-    const auto best = std::max_element(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) {
-        return (a.fit.usable ? a.score : 0.0) < (b.fit.usable ? b.score : 0.0);
-    });
-    if (best == causes.end() || !best->fit.usable || best->score <= 0.0 || !best->misfit_beside_forms) return 0.0;
+    const Cause* best = best_fitted(causes);
+    if (best == nullptr || !best->misfit_beside_forms) return 0.0;
     return std::max(0.0, gain(best->misfit, *best->misfit_beside_forms, floor, calibration));
 }
 
