@@ -56,7 +56,9 @@ void print_gap(const Json& j) {
     if (j["ladder"].size() > 1)
         for (const auto& step : j["ladder"])
             std::printf("    %-44s %7.2f mm fitted, %7.2f mm held out\n",
-                        step["effects"].empty() ? "nominal" : joined(step["effects"]).c_str(),
+                        ((step["effects"].empty() ? "nominal" : joined(step["effects"])) +
+                         (step["model_error"].get<bool>() ? " + model error" : ""))
+                            .c_str(),
                         step["fitted_rms_mm"].get<double>(), step["heldout_rms_mm"].get<double>());
     std::printf("  next: %s\n", j["next_experiment"].get<std::string>().c_str());
 }

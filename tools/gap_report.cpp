@@ -112,6 +112,7 @@ Status write_tables(const Json& j, const Residuals& r, const std::vector<double>
     text = "effects,fitted_rms_mm,heldout_rms_mm\n";
     for (const auto& step : j["ladder"])
         text += (step["effects"].empty() ? "nominal" : joined(step["effects"], "+")) +
+                (step["model_error"].get<bool>() ? "+model error" : "") +
                 format(",%.5g", value(step["fitted_rms_mm"])) + format(",%.5g\n", value(step["heldout_rms_mm"]));
     TERES_TRY(write_text_file(folder / "ladder.csv", text));
 
@@ -217,8 +218,8 @@ std::string verdict_text(const std::string& gap_json) {
                        format(" (%.0f %%).", 100.0 * value(top["probability"]));
     if (!top["confusable_with"].empty())
         text += " With these loads and markers it cannot be told from " + joined(top["confusable_with"], ", ") + ".";
-    text += format(" With it added, %.0f %% of the gap is gone", 100.0 * value(s["fraction"])) +
-            " on data that were never fitted (" + format("%.2f mm", value(s["before_rms_mm"])) + " to " +
+    text += " With it added, and the model's own error learned from the fitted data," +
+            format(" %.0f %% of the gap is gone", 100.0 * value(s["fraction"])) + " on data that were never fitted (" + format("%.2f mm", value(s["before_rms_mm"])) + " to " +
             format("%.2f mm", value(s["after_rms_mm"])) + ", " + s["heldout"].get<std::string>() + ").";
     const Json& where = j["where"];
     if (where["center_m"].is_array()) {

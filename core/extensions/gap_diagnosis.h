@@ -47,7 +47,8 @@ class GapDiagnosis {
     // [setup] After diagnose() returned 0; valid until the next call.
     virtual const char* gap_json() const noexcept = 0;     ///< "teres-gap-1" (plan_only: "teres-plan-1")
     virtual const char* report_json() const noexcept = 0;  ///< what the report draws: "teres-gap-report-1"
-    /// Validation points of the first recording (all of it) with the named effects added: f * 3 P + 3 p + a.
+    /// Validation points of the first recording (all of it) with the named effects added and with the model's own error
+    /// as far as the fitted data show it: f * 3 P + 3 p + a.
     virtual std::span<const double> points_m() const noexcept = 0;
     /// The same under the nominal fit, without any effect.
     virtual std::span<const double> nominal_points_m() const noexcept = 0;

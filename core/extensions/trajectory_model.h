@@ -29,7 +29,7 @@ struct NominalParameter {
 
 class TrajectoryModel : public EffectCatalogue {
   public:
-    static constexpr const char* kId = "teres.trajectory_model/4";
+    static constexpr const char* kId = "teres.trajectory_model/5";
 
     virtual std::size_t num_parameters() const noexcept = 0;
     virtual NominalParameter parameter(std::size_t index) const noexcept = 0;
@@ -88,11 +88,11 @@ class TrajectoryModel : public EffectCatalogue {
     virtual std::size_t num_variants() const noexcept = 0;
     virtual const char* variant_name(std::size_t index) const noexcept = 0;
     /// Simulates variant `index` at the given frames only (ascending), from where the body was at them at the last
-    /// simulate(); markers_m has 3 M per listed frame, NaN at those of a quasi-static recording that do not converge.
-    /// Several threads may ask at once.
+    /// simulate(); markers_m has 3 M per listed frame, points_m 3 P or nothing, NaN at those of a quasi-static recording
+    /// that do not converge. Several threads may ask at once.
     virtual TrajectoryReport simulate_variant(std::size_t index, const Hypothesis& h,
-                                              std::span<const std::int32_t> frames,
-                                              std::span<double> markers_m) noexcept = 0;
+                                              std::span<const std::int32_t> frames, std::span<double> markers_m,
+                                              std::span<double> points_m) noexcept = 0;
 
     /// The same recording by a model with a state of its own, so that another thread can ask it: made on the first
     /// call, owned by this one, which must outlive its use. Null: there is none.

@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "plugins/diagnosis/gap_map.h"
+#include "plugins/diagnosis/learned_error.h"
 #include "plugins/diagnosis/search.h"
 #include "plugins/diagnosis/search_further.h"
 
@@ -90,8 +91,10 @@ std::vector<std::string> ids(const EffectTable& effects, const std::vector<std::
     return list;
 }
 
-// The gap on held-out data before and after, step by step, beside what the best cause of another family would do.
-void close_on_held_out(Diagnosis& out, Forecast& forecast, const Fit& best, const EffectTable& effects) {
+// The gap on held-out data before and after, step by step, beside what the best cause of another family would do. A
+// prediction has the model's own error in it, as far as the fitted data show it.
+void close_on_held_out(Diagnosis& out, Forecast& forecast, const Fit& best, const Problem& problem) {
+    const EffectTable& effects = problem.simulator.effects();
     const Cause* named = out.named();
     const Recording& all = out.predicted = forecast.recording;
     Eigen::VectorXd after = out.after;
@@ -102,23 +105,39 @@ void close_on_held_out(Diagnosis& out, Forecast& forecast, const Fit& best, cons
         forecast.simulator.simulate(best.at, after, &out.points_m, nullptr);
     }
     forecast.known.emplace_back(best.at, after);
+    const Discrepancy& error = problem.discrepancy;
+    const bool error_known = !forecast.beginning_fitted && error.columns.cols() > 0;
+    const auto learned = [&](const Eigen::VectorXd& from) -> Eigen::VectorXd {
+        return learned_error(problem.whitener, error, problem.residual_of(from));
+    };
+    const auto predicted = [&](const Eigen::VectorXd& from) -> Eigen::VectorXd {
+        return error_known ? from + error.columns * learned(from) : from;
+    };
+    if (error_known) {
+        Eigen::Map<Eigen::VectorXd>(out.points_m.data(), error.at_points.rows()) += error.at_points * learned(after);
+        out.after = predicted(after);
+    }
     const Eigen::VectorXd before = forecast.of(out.nominal);
-    out.shrinkage = shrinkage(all, all.held_rows, before, after);
+    out.shrinkage = shrinkage(all, all.held_rows, before, predicted(after));
 
-    const auto ladder_step = [&](const std::vector<std::size_t>& entries, const Fit& fit) {
+    const auto ladder_step = [&](const std::vector<std::size_t>& entries, const Eigen::VectorXd& fitted,
+                                 const Eigen::VectorXd& whole, bool model_error) {
         out.ladder.push_back(
             {ids(effects, entries),
-             gap_rms_m(out.recording.observed, fit.trajectory, out.recording.fit_rows, out.recording.noise_m),
-             gap_rms_m(all.observed, forecast.of(fit), all.held_rows, all.noise_m)});
+             gap_rms_m(out.recording.observed, fitted, out.recording.fit_rows, out.recording.noise_m),
+             gap_rms_m(all.observed, whole, all.held_rows, all.noise_m), model_error});
     };
-    ladder_step({}, out.nominal);
-    if (named == nullptr) return;
-    for (std::size_t k = 1; k <= named->entries.size(); ++k) {
+    ladder_step({}, out.nominal.trajectory, before, false);
+    for (std::size_t k = 1; named != nullptr && k <= named->entries.size(); ++k) {
         const std::vector<std::size_t> first(named->entries.begin(),
                                              named->entries.begin() + static_cast<std::ptrdiff_t>(k));
         for (const Cause& cause : out.verdict.causes)
-            if (cause.fit.usable && cause.entries == first) ladder_step(first, cause.fit);
+            if (cause.fit.usable && cause.entries == first)
+                ladder_step(first, cause.fit.trajectory, forecast.of(cause.fit), false);
     }
+    if (error_known)
+        ladder_step(named != nullptr ? named->entries : std::vector<std::size_t>{}, out.after, out.after, true);
+    if (named == nullptr) return;
     const auto family_is_named = [&](const Cause& cause) {
         return std::any_of(named->entries.begin(), named->entries.end(), [&](std::size_t e) {
             return std::string_view(effects[e].info.family) == effects[cause.entries[0]].info.family;
@@ -128,7 +147,7 @@ void close_on_held_out(Diagnosis& out, Forecast& forecast, const Fit& best, cons
         return cause.fit.usable && cause.entries.size() == 1 && !family_is_named(cause);
     });
     if (wrong == out.verdict.causes.end()) return;
-    out.best_wrong = shrinkage(all, all.held_rows, before, forecast.of(wrong->fit));
+    out.best_wrong = shrinkage(all, all.held_rows, before, predicted(forecast.of(wrong->fit)));
     out.best_wrong_effects = ids(effects, wrong->entries);
 }
 
@@ -236,7 +255,7 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     if (!forecast.beginning_fitted) forecast.recording = out.recording;
     simulator.simulate(best.at, out.after, forecast.beginning_fitted ? nullptr : &out.points_m, &out.nodes_after_m);
     if (named != nullptr && out.significant) place_by_forces(simulator, *named, out.where);
-    close_on_held_out(out, forecast, best, effects);
+    close_on_held_out(out, forecast, best, problem);
     TERES_TRY_ASSIGN(out.transfers, transfer(problem, forecast, out.nominal, best, recordings, effects));
     out.next_experiment =
         next_experiment(effects, out.verdict, out.confusability, options.calibration, out.significant);

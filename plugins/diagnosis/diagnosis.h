@@ -39,10 +39,12 @@ struct Where {
     std::vector<double> marker_share;  ///< of the nominal gap's square, per marker
 };
 
-/// The gap after each effect was added, on fitted and on held-out data.
+/// The gap after each effect was added, on fitted and on held-out data; last with the model's own error as well
+/// (learned_error.h).
 struct LadderStep {
     std::vector<std::string> effects;
     double fit_rms_m = 0.0, heldout_rms_m = 0.0;
+    bool model_error = false;
 };
 
 /// Another recording of the same body under what this one taught.
@@ -71,9 +73,10 @@ struct Diagnosis {
     std::vector<Transfer> transfers;
     Where where;
     std::string next_experiment;
-    std::vector<double> points_m, nominal_points_m;     ///< validation points with the named effects, without
+    std::vector<double> points_m;          ///< validation points with the named effects and the model's own error
+    std::vector<double> nominal_points_m;  ///< ... with neither
     std::vector<double> nodes_before_m, nodes_after_m;  ///< all nodes per frame
-    Eigen::VectorXd after;                              ///< markers with the named effects
+    Eigen::VectorXd after;  ///< markers with the named effects and the model's own error
 
     /// The named answer: the most probable cause, or null if `none` or `unknown` is more probable.
     const Cause* named() const;

@@ -18,6 +18,7 @@ namespace teres {
 
 struct Discrepancy {
     Eigen::MatrixXd columns;      ///< 3 M F rows [m]; no columns if the model has no variants
+    Eigen::MatrixXd at_points;    ///< the same columns at the validation points, 3 P F rows [m]
     Eigen::VectorXd remainder_m;  ///< rms of what the columns leave of the ensemble at each frame (F), per row
     int runs = 0;                 ///< simulations behind it
     bool from_cache = false;

@@ -185,6 +185,7 @@ Json to_json(const Diagnosis& d, const EffectTable& effects, const TrajectoryMod
     json["ladder"] = Json::array();
     for (const LadderStep& step : d.ladder)
         json["ladder"].push_back({{"effects", step.effects},
+                                  {"model_error", step.model_error},
                                   {"fitted_rms_mm", 1e3 * step.fit_rms_m},
                                   {"heldout_rms_mm", 1e3 * step.heldout_rms_m}});
     json["transfers"] = Json::array();

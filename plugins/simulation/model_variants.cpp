@@ -57,7 +57,8 @@ std::vector<ModelVariant> model_variants(const Case& c, const PlayerSettings& se
 
 TrajectoryReport play_variant(const ModelVariant& variant, const Case& c, const PlayerSettings& settings,
                               const Hypothesis& h, std::span<const std::int32_t> frames,
-                              std::span<const Eigen::VectorXd> nominal, std::span<double> markers_m) {
+                              std::span<const Eigen::VectorXd> nominal, std::span<double> markers_m,
+                              std::span<double> points_m) {
     Case other = c;
     PlayerSettings other_settings = settings;
     other_settings.soft_clamps = false;
@@ -66,16 +67,20 @@ TrajectoryReport play_variant(const ModelVariant& variant, const Case& c, const 
     if (!made) return {static_cast<std::int32_t>(frames.size()), 0, 1.0};
     ScenePlayer& player = **made;
     const auto effects = make_effects(player.scene());
-    if (player.scene().dynamic) return player.play_markers(h, effects, frames, markers_m);
+    if (player.scene().dynamic) return player.play_markers(h, effects, frames, markers_m, points_m);
     // The way from frame to frame may be too far for one step.
     const ScenePlayer::Guess guess = nominal.empty() ? ScenePlayer::Guess{} : from_nominal(player.model(), nominal);
     TrajectoryReport report;  // frame by frame: which of them converges is told
-    const std::size_t row = 3 * player.model().num_markers();
+    const auto at = [&](std::span<double> all, std::size_t k) {
+        const std::size_t row = all.size() / frames.size();
+        return all.subspan(k * row, row);
+    };
     for (std::size_t k = 0; k < frames.size(); ++k) {
-        const auto markers = markers_m.subspan(k * row, row);
-        const TrajectoryReport one = player.play_markers(h, effects, frames.subspan(k, 1), markers, guess);
+        const auto markers = at(markers_m, k), points = at(points_m, k);
+        const TrajectoryReport one = player.play_markers(h, effects, frames.subspan(k, 1), markers, points, guess);
         if (one.frames_converged == 0)
-            std::fill(markers.begin(), markers.end(), std::numeric_limits<double>::quiet_NaN());
+            for (const auto& out : {markers, points})
+                std::fill(out.begin(), out.end(), std::numeric_limits<double>::quiet_NaN());
         report = {report.frames + 1, report.frames_converged + one.frames_converged,
                   std::max(report.relative_residual, one.relative_residual)};
     }

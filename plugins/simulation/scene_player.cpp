@@ -243,14 +243,17 @@ TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::u
 
 TrajectoryReport ScenePlayer::play_markers(const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
                                            std::span<const std::int32_t> frames, std::span<double> markers_m,
-                                           const Guess& guess) {
-    const std::size_t row = 3 * model_->num_markers(), dofs = 3 * model_->num_nodes();
+                                           std::span<double> points_m, const Guess& guess) {
+    const std::size_t row = 3 * model_->num_markers(), dofs = 3 * model_->num_nodes(), points = 3 * model_->num_points();
     TERES_CHECK(markers_m.size() == frames.size() * row);
+    TERES_CHECK(points_m.empty() || points_m.size() == frames.size() * points);
     std::vector<double> whole(model_->num_state(), 0.0);
     std::size_t k = 0;
     const auto see = [&](std::size_t, const double* x) {
         std::copy_n(x, dofs, whole.begin());
-        model_->observe(whole, markers_m.subspan(k++ * row, row), 1);
+        model_->observe(whole, markers_m.subspan(k * row, row), 1);
+        if (!points_m.empty()) model_->predict_points(whole, points_m.subspan(k * points, points));
+        ++k;
     };
     return play(h, effects, frames, see, guess);
 }

@@ -63,10 +63,11 @@ class ScenePlayer {
     TrajectoryReport play(const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
                           std::span<const std::int32_t> frames, const Visitor& visit, const Guess& guess = {},
                           std::size_t horizon = 0, SubspaceSolver* subspace = nullptr);
-    /// play() as the markers see it: 3 per marker [m] at each of the listed frames.
+    /// play() as the markers see it: 3 per marker [m] at each of the listed frames; points_m: 3 per validation point or
+    /// nothing.
     TrajectoryReport play_markers(const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
                                   std::span<const std::int32_t> frames, std::span<double> markers_m,
-                                  const Guess& guess = {});
+                                  std::span<double> points_m, const Guess& guess = {});
 
   private:
     ScenePlayer() = default;

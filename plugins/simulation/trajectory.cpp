@@ -573,16 +573,16 @@ bool Trajectory::effect_forces(std::size_t which, std::span<double> rms_n) const
 }
 
 TrajectoryReport Trajectory::simulate_variant(std::size_t index, const Hypothesis& h,
-                                              std::span<const std::int32_t> frames,
-                                              std::span<double> markers_m) noexcept {
+                                              std::span<const std::int32_t> frames, std::span<double> markers_m,
+                                              std::span<double> points_m) noexcept {
     std::span<const VectorXd> nominal;
     if (base_->x.size() == num_frames()) nominal = base_->x;
-    return play_variant(variants_[index], case_, settings_, h, frames, nominal, markers_m);
+    return play_variant(variants_[index], case_, settings_, h, frames, nominal, markers_m, points_m);
 }
 
 TrajectoryReport Trajectory::simulate_at(const Hypothesis& h, std::span<const std::int32_t> frames,
                                          std::span<double> markers_m) noexcept {
-    return player_->play_markers(h, effects_, frames, markers_m);
+    return player_->play_markers(h, effects_, frames, markers_m, {});
 }
 
 }  // namespace teres

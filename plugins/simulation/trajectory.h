@@ -60,7 +60,7 @@ class Trajectory final : public TrajectoryModel {
     std::size_t num_variants() const noexcept override { return variants_.size(); }
     const char* variant_name(std::size_t index) const noexcept override { return variants_[index].name.c_str(); }
     TrajectoryReport simulate_variant(std::size_t index, const Hypothesis& h, std::span<const std::int32_t> frames,
-                                      std::span<double> markers_m) noexcept override;
+                                      std::span<double> markers_m, std::span<double> points_m) noexcept override;
     TrajectoryModel* twin() noexcept override;
     void share_with_twin(bool on) noexcept override;
 

@@ -85,7 +85,7 @@ class ToyBody final : public TrajectoryModel {
     double time_s(std::size_t f) const noexcept override { return kToyDt * static_cast<double>(f); }
     std::size_t num_markers() const noexcept override { return kToyMarkers; }
     std::int32_t marker_id(std::size_t m) const noexcept override { return static_cast<std::int32_t>(10 + m); }
-    std::size_t num_points() const noexcept override { return 1; }
+    std::size_t num_points() const noexcept override { return 1; }  // on the first marker
     std::int32_t point_id(std::size_t) const noexcept override { return 7; }
     std::size_t num_nodes() const noexcept override { return kToyMarkers; }
     void rest_positions(std::span<double> x) const noexcept override {
@@ -198,7 +198,7 @@ class ToyBody final : public TrajectoryModel {
     std::size_t num_variants() const noexcept override { return 2; }
     const char* variant_name(std::size_t v) const noexcept override { return v == 0 ? "finer" : "other law"; }
     TrajectoryReport simulate_variant(std::size_t v, const Hypothesis& h, std::span<const std::int32_t> listed,
-                                      std::span<double> markers) noexcept override {
+                                      std::span<double> markers, std::span<double> points) noexcept override {
         pick(v == 0 ? motion(h, 0.97) : motion(h, 1.0, 0.4), listed, markers);
         const auto all = static_cast<std::int32_t>(listed.size());
         std::int32_t converged = all;
@@ -211,6 +211,7 @@ class ToyBody final : public TrajectoryModel {
             if (listed[k] == snaps_at && v == 1)
                 for (double& x : frame) x += 0.05;
         }
+        for (std::size_t k = 0; k < points.size(); ++k) points[k] = markers[k / 3 * 3 * kToyMarkers + k % 3];
         return {all, converged, 0.0};
     }
     std::int32_t snaps_at = -1;  ///< frame at which a variant finds another equilibrium, 50 mm away along each axis

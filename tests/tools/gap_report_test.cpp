@@ -37,7 +37,7 @@ Json sample(const TetMeshData& mesh) {
       "unknown_probability":0.03,"none_probability":0.01,
       "shrinkage":{"effects":["unknown_load"],"heldout":"frames 8-9","before_rms_mm":4.0,"after_rms_mm":0.4,"fraction":0.9,"ci95":[0.85,0.94]},
       "next_experiment":"track the instruments",
-      "ladder":[{"effects":[],"fitted_rms_mm":4.2,"heldout_rms_mm":4.0},{"effects":["unknown_load"],"fitted_rms_mm":0.5,"heldout_rms_mm":0.4}],
+      "ladder":[{"effects":[],"model_error":false,"fitted_rms_mm":4.2,"heldout_rms_mm":4.0},{"effects":["unknown_load"],"model_error":false,"fitted_rms_mm":0.5,"heldout_rms_mm":0.4}],
       "transfers":[],
       "maps":[{"effect":"extra_attachment","center_m":[0.0,0.015,0.03,0.1,0.015,0.03],"explained":[0.05,0.62]}],
       "identifiability":{"effects":["gravity","unknown_load"],"visibility_chi2":[100.0,4000.0],"visible":[false,true],

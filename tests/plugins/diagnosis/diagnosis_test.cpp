@@ -170,8 +170,50 @@ TEST(Diagnosis, TwoCausesAreBothNamed) {
     const auto d = scene.run();
     ASSERT_TRUE(d) << d.error().text;
     EXPECT_EQ(scene.names(*d), (Names{"registration", "unknown_load"})) << listing(*d, *scene.effects);
-    EXPECT_EQ(d->ladder.size(), 3u);
+    ASSERT_EQ(d->ladder.size(), 4u) << "nominal, one, both, both with the model's own error";
     EXPECT_LT(d->ladder[2].heldout_rms_m, d->ladder[1].heldout_rms_m);
+    EXPECT_TRUE(d->ladder[3].model_error);
+}
+
+// The truth is stiffer on one side, more than the variant of the ensemble: what the fitted frames show of that holds in
+// those never fitted and at the validation point, which nothing observes (it sits on the first marker).
+TEST(Diagnosis, ModelErrorIsLearnedAndPredicted) {
+    const std::vector<double> load{0.15, -0.1, -0.35, 0.08, 0.03, 5.3};
+    for (const bool pulled : {false, true}) {
+        std::vector<EffectInstance> effects;
+        if (pulled) effects.push_back({test::ToyBody::kUnknownLoad, load});
+        Scene scene(effects);
+        const std::vector<double> theta{38.0, 70.0}, usual = scene.body.motion({theta, effects}, 1.02),
+                                  truth = scene.body.motion({theta, effects}, 1.0, 1.0);
+        for (std::size_t row = 0; row < truth.size(); ++row) scene.observed[row] += truth[row] - usual[row];
+        const auto d = scene.run();
+        ASSERT_TRUE(d) << d.error().text;
+        EXPECT_EQ(scene.names(*d), pulled ? Names{"unknown_load"} : Names{}) << listing(*d, *scene.effects);
+        const Eigen::MatrixXd &D = d->discrepancy.columns, &at_point = d->discrepancy.at_points;
+        ASSERT_EQ(at_point.rows(), static_cast<Eigen::Index>(3 * test::kToyFrames));
+        for (Eigen::Index f = 0; f < static_cast<Eigen::Index>(test::kToyFrames); ++f)
+            EXPECT_LT((at_point.middleRows<3>(3 * f) - D.middleRows<3>(3 * f * test::kToyMarkers)).norm(), 1e-12);
+
+        const Assumption& fitted = d->named() != nullptr ? d->named()->fit.at : d->nominal.at;
+        std::vector<EffectInstance> named;
+        for (const ActiveEffect& e : fitted.effects)
+            named.push_back({static_cast<std::int32_t>((*scene.effects)[e.entry].index), e.values});
+        const std::vector<double> plain = scene.body.motion({fitted.theta, named});
+        double without = 0.0, with = 0.0;
+        for (std::size_t f = 0; f < test::kToyFrames; ++f)
+            for (std::size_t a = 0; a < 3; ++a) {
+                const std::size_t row = 3 * f * test::kToyMarkers + a;
+                without += std::pow(plain[row] - truth[row], 2);
+                with += std::pow(d->points_m[3 * f + a] - truth[row], 2);
+            }
+        EXPECT_LT(with, 0.2 * without) << (pulled ? "with a tool" : "without");
+        const LadderStep &last = d->ladder.back(), &before_last = d->ladder[d->ladder.size() - 2];
+        EXPECT_TRUE(last.model_error);
+        EXPECT_EQ(last.effects, before_last.effects);
+        EXPECT_LT(last.heldout_rms_m, before_last.heldout_rms_m);
+        EXPECT_NEAR(d->shrinkage.after_m, last.heldout_rms_m, 1e-12);
+        EXPECT_NEAR(d->shrinkage.before_m, d->ladder.front().heldout_rms_m, 1e-12) << "the nominal model as it is";
+    }
 }
 
 // A camera that is off by less than the error of form that is expected of what else happens (5 % of what that
