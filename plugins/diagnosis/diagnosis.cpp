@@ -151,6 +151,17 @@ void close_on_held_out(Diagnosis& out, Forecast& forecast, const Fit& best, cons
     out.best_wrong_effects = ids(effects, wrong->entries);
 }
 
+// Whether what is named leaves several times as much of the frames held out as of those fitted, or as the model may be
+// off: it stands for something else, or something begins late that a large gap hid from nominal_fit().
+bool fails_later(Problem& problem, const Diagnosis& d) {
+    const Cause* named = d.named();
+    const Recording& r = problem.recording;
+    if (named == nullptr || !r.held_markers.empty() || problem.simulator.mechanics().dynamic()) return false;
+    const double floor = problem.floor.total() / problem.whitener.inverse_sigma().squaredNorm();
+    return mean_square(r, named->fit.trajectory, r.held_rows) >
+           kLateRatio * std::max(floor, mean_square(r, named->fit.trajectory, r.fit_rows));
+}
+
 // Nominal fit, search, verdict. `before`: what was named when other data were held out, one more rival; or null.
 Result<void> find_causes(Problem& problem, const GapRecording& recording, const EffectTable& effects,
                          const Cause* before, Diagnosis& out) {
@@ -186,26 +197,20 @@ Result<void> find_causes(Problem& problem, const GapRecording& recording, const 
             if (enough || !search_further(problem, out.nominal, out.screening, causes)) break;
         }
     };
-    if (!causes.empty()) {
+    const auto judged = [&] {
+        return judge(causes, out.nominal.compared_cost(), problem.floor, options.calibration);
+    };
+    if (!causes.empty()) add_more();
+    out.verdict = judged();
+    // What will be searched with other data held out need not be looked at again before.
+    if (!causes.empty() && out.nominal.cost > problem.floor.total() && !fails_later(problem, out) &&
+        look_again(problem, out.nominal, out.screening, causes)) {
         add_more();
-        if (out.nominal.cost > problem.floor.total() && look_again(problem, out.nominal, out.screening, causes))
-            add_more();
+        out.verdict = judged();
     }
     problem.beside = nullptr;
-    out.verdict = judge(std::move(causes), out.nominal.compared_cost(), problem.floor, options.calibration);
     out.significant = out.verdict.none_probability < 0.5;
     return {};
-}
-
-// Whether what is named leaves several times as much of the frames held out as of those fitted, or as the model may be
-// off: it stands for something else, or something begins late that a large gap hid from nominal_fit().
-bool fails_later(Problem& problem, const Diagnosis& d) {
-    const Cause* named = d.named();
-    const Recording& r = problem.recording;
-    if (named == nullptr || !r.held_markers.empty() || problem.simulator.mechanics().dynamic()) return false;
-    const double floor = problem.floor.total() / problem.whitener.inverse_sigma().squaredNorm();
-    return mean_square(r, named->fit.trajectory, r.held_rows) >
-           kLateRatio * std::max(floor, mean_square(r, named->fit.trajectory, r.fit_rows));
 }
 
 }  // namespace
