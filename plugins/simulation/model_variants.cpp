@@ -3,7 +3,10 @@
 #include <algorithm>
 #include <array>
 #include <limits>
+#include <set>
 #include <utility>
+
+#include "core/case/surface.h"
 
 namespace teres {
 namespace {
@@ -25,6 +28,17 @@ ScenePlayer::Guess from_nominal(const CaseModel& model, std::span<const Eigen::V
     };
 }
 
+// Surface neighbours of clamped nodes are clamped, too.
+void widen_clamps(Case& c) {
+    const std::set<std::int32_t> held(c.clamped.begin(), c.clamped.end());
+    std::set<std::int32_t> wider = held;
+    const Surface surface(c.mesh);
+    for (const auto& triangle : surface.triangles())
+        if (std::any_of(triangle.begin(), triangle.end(), [&](std::int32_t node) { return held.contains(node); }))
+            wider.insert(triangle.begin(), triangle.end());
+    c.clamped.assign(wider.begin(), wider.end());
+}
+
 }  // namespace
 
 std::vector<ModelVariant> model_variants(const Case& c, const PlayerSettings& settings, const Scene& scene) {
@@ -37,6 +51,8 @@ std::vector<ModelVariant> model_variants(const Case& c, const PlayerSettings& se
         add("10-node tetrahedra", [](Case&, PlayerSettings& s) { s.model.element = ElementType::kQuadratic; });
     add("nodal shear", [](Case&, PlayerSettings& s) { s.model.shear_blend = 0.1; });
     add("element shear", [](Case&, PlayerSettings& s) { s.model.shear_blend = 1.0; });
+    // Where a clamp ends is known to the mesh's resolution.
+    if (!c.clamped.empty() && !dynamic) add("wider clamps", [](Case& other, PlayerSettings&) { widen_clamps(other); });
     // The atlas says where a ligament may hold, not with which nodes of a group.
     if (scene.tethers.ligament_end > 0) {
         add("ligament to one side", [](Case&, PlayerSettings& s) { s.model.ligament.lean = 0.5; });

@@ -18,7 +18,7 @@ struct ModelVariant {
     std::function<void(Case& c, PlayerSettings& settings)> change;
 };
 
-/// Meshes, shares of nodal strain, laws, and where within its groups a ligament holds.
+/// Meshes, shares of nodal strain, laws, how far clamps reach, and where within its groups a ligament holds.
 std::vector<ModelVariant> model_variants(const Case& c, const PlayerSettings& settings, const Scene& scene);
 
 /// The listed frames of the recording under `h` by a variant of the model of `c` and `settings`. nominal: where the

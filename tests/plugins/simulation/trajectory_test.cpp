@@ -494,6 +494,7 @@ TEST(Trajectory, VariantsConvergeAndDiffer) {
     const auto nominal = markers_under(*t, theta, {});
     const std::vector<std::int32_t> frames{2, 5};
     const std::size_t M = 3 * t->num_markers();
+    bool wider = false;
     for (std::size_t v = 0; v < t->num_variants(); ++v) {
         std::vector<double> z(frames.size() * M), points(z.size());
         const TrajectoryReport r = t->simulate_variant(v, {theta, {}}, frames, z, points);
@@ -506,7 +507,13 @@ TEST(Trajectory, VariantsConvergeAndDiffer) {
         }
         EXPECT_GT(difference, 1e-6) << t->variant_name(v);
         EXPECT_LT(difference, 0.5 * moved) << t->variant_name(v);
+        if (t->variant_name(v) != std::string("wider clamps")) continue;
+        double own = 0.0;
+        for (std::size_t i = 0; i < M; ++i) own = std::max(own, std::abs(z[M + i] - nominal[i]));
+        EXPECT_LT(own, moved) << "held further out it moves less";
+        wider = true;
     }
+    EXPECT_TRUE(wider);
 }
 
 // As the gap diagnosis asks for them: two threads, one model.
