@@ -12,6 +12,7 @@ namespace {
 constexpr int kAttempts = 3;
 constexpr int kShapeRounds = 3;    // of moved onsets and windows, and everything fitted again
 constexpr double kImproved = 0.8;  // of the cost: worth another round
+constexpr double kFarOff = 2.0;    // times the misfit without the effect: no start
 constexpr double kFarTheta = 1.5;  // prior standard deviations from the prior at which a refit starts at most
 
 bool mechanical(const Problem& problem, const Cause& cause) {
@@ -67,15 +68,19 @@ Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const Effe
     cause.entries.push_back(added.entry);
     cause.search_cost += added.search_cost;
     start.effects.push_back(added.start);
-    // A whole trajectory with the effect on; a body that does not hold under it is met half way.
+    // A whole trajectory with the effect on. Where the body does not hold under what first order asks for, or is far
+    // further off than without the effect, it is met half way: no descent leads back from another equilibrium.
     const EffectEntry& entry = problem.simulator.effects()[added.entry];
-    Eigen::VectorXd trajectory;
-    for (int attempt = 0; !entry.sensor && !problem.simulator.simulate(start, trajectory); ++attempt) {
-        if (attempt == kAttempts) return cause;
+    const double nothing = known != nullptr ? known->fit.misfit : nominal.misfit;
+    const bool line_search = !std::isfinite(problem.worst_start);
+    for (int attempt = 0; !entry.sensor; ++attempt) {
+        Eigen::VectorXd trajectory;
+        const bool holds = problem.simulator.simulate(start, trajectory);
+        const double left = holds ? problem.whitener(problem.residual_of(trajectory)).squaredNorm() : 0.0;
+        if (left > problem.worst_start || (!holds && attempt == kAttempts)) return cause;
+        if (holds && (left <= kFarOff * nothing || attempt == kAttempts || !line_search)) break;
         halve(entry, start.effects.back());
     }
-    if (trajectory.size() > 0 && problem.whitener(problem.residual_of(trajectory)).squaredNorm() > problem.worst_start)
-        return cause;
     cause.fit = problem.fit(start, iterations);
     if (!cause.fit.usable) return cause;
     for (int round = 0; round < kShapeRounds && cause.fit.misfit < problem.out_of_reach; ++round) {

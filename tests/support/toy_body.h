@@ -136,6 +136,7 @@ class ToyBody final : public TrajectoryModel {
                     const double near = std::exp(-((x.x() - cx) * (x.x() - cx) + (x.y() - cy) * (x.y() - cy)) /
                                                  (kToyWidth * kToyWidth));
                     u += F * near / (scale * kToyE);
+                    if (F.norm() > holds_up_to_n) u -= Eigen::Vector3d::Constant(0.05);
                 }
                 u += beta * u.squaredNorm() * u;
                 u *= bend * (1.0 + side * (x.x() - 0.06));
@@ -217,6 +218,7 @@ class ToyBody final : public TrajectoryModel {
     std::int32_t snaps_at = -1;  ///< frame at which a variant finds another equilibrium, 50 mm away along each axis
     std::int32_t fails_at = -1;  ///< frame at which no variant converges
 
+    double holds_up_to_n = 1e9;   ///< a stronger unknown load ends in another equilibrium, 50 mm back along each axis
     double other_branch_m = 0.0;  ///< how far off approximate() ends about a solution of other supports
     bool converges = true;
     int simulations = 0;
