@@ -144,7 +144,7 @@ Status draw(const Json& j, const Residuals& r, const std::vector<double>& gap, c
     plot.x_label = "time [s]";
     plot.panels.push_back({.y_label = "rms distance [mm]",
                            .from_zero = true,
-                           .curves = {{"nominal", r.t_s, r.before_mm}, {"with the named effects", r.t_s, r.after_mm}},
+                           .curves = {{"nominal", r.t_s, r.before_mm}, {"with named effects and model error", r.t_s, r.after_mm}},
                            .references = {{"floor", value(j["gap"]["noise_floor_mm"])}}});
     TERES_TRY(save_plot(plot, folder / "residuals.png"));
 
