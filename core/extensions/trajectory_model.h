@@ -87,6 +87,8 @@ class TrajectoryModel : public EffectCatalogue {
     /// is what may not be blamed on the patient.
     virtual std::size_t num_variants() const noexcept = 0;
     virtual const char* variant_name(std::size_t index) const noexcept = 0;
+    /// Standard deviation of what the variant changes, in such changes.
+    virtual double variant_share(std::size_t /*index*/) const noexcept { return 1.0; }
     /// Simulates variant `index` at the given frames only (ascending), from where the body was at them at the last
     /// simulate(); markers_m has 3 M per listed frame, points_m 3 P or nothing, NaN at those of a quasi-static recording
     /// that do not converge. Several threads may ask at once.

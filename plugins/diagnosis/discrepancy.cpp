@@ -16,7 +16,7 @@ constexpr Eigen::Index kModes = 8;   // temporal modes of the nominal motion
 constexpr Eigen::Index kColumns = 8;
 constexpr double kLeastColumn = 1e-3;  // columns below this share of the first are dropped
 constexpr double kOtherBranch = 5.0;   // times the median difference
-constexpr std::uint64_t kVersion = 3;  // of the method: part of the key
+constexpr std::uint64_t kVersion = 4;  // of the method: part of the key
 
 std::uint64_t mix(std::uint64_t hash, std::uint64_t value) {
     for (int byte = 0; byte < 8; ++byte) hash = (hash ^ ((value >> (8 * byte)) & 0xff)) * 1099511628211ULL;
@@ -147,7 +147,7 @@ Result<std::vector<Eigen::MatrixXd>> variant_differences(TrajectoryModel& model,
         Eigen::MatrixXd difference(nominal.channels.rows(), of_markers.cols());
         difference.topRows(nominal.markers) = of_markers;
         difference.bottomRows(points) = of_points;
-        difference -= nominal.channels(Eigen::all, frames);
+        difference = model.variant_share(v) * (difference - nominal.channels(Eigen::all, frames));
         const bool usable = model.dynamic() ? report.frames_converged == report.frames && difference.allFinite()
                                             : 2 * report.frames_converged >= report.frames;
         if (usable) differences[v] = std::move(difference);

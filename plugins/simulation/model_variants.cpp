@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <limits>
 #include <set>
 #include <utility>
@@ -43,16 +44,17 @@ void widen_clamps(Case& c) {
 
 std::vector<ModelVariant> model_variants(const Case& c, const PlayerSettings& settings, const Scene& scene) {
     std::vector<ModelVariant> variants;
-    const auto add = [&](std::string name, std::function<void(Case&, PlayerSettings&)> change) {
-        variants.push_back({std::move(name), std::move(change)});
+    const auto add = [&](std::string name, std::function<void(Case&, PlayerSettings&)> change, double share = 1.0) {
+        variants.push_back({std::move(name), std::move(change), share});
     };
     const bool dynamic = scene.dynamic;  // 10-node tetrahedra would take minutes for a second of motion
     if (settings.model.element != ElementType::kQuadratic && !dynamic)
         add("10-node tetrahedra", [](Case&, PlayerSettings& s) { s.model.element = ElementType::kQuadratic; });
     add("nodal shear", [](Case&, PlayerSettings& s) { s.model.shear_blend = 0.1; });
     add("element shear", [](Case&, PlayerSettings& s) { s.model.shear_blend = 1.0; });
-    // Where a clamp ends is known to the mesh's resolution.
-    if (!c.clamped.empty() && !dynamic) add("wider clamps", [](Case& other, PlayerSettings&) { widen_clamps(other); });
+    // Where a clamp ends is known to half an edge of the mesh: a uniform distribution.
+    if (!c.clamped.empty() && !dynamic)
+        add("wider clamps", [](Case& other, PlayerSettings&) { widen_clamps(other); }, 1.0 / std::sqrt(12.0));
     // The atlas says where a ligament may hold, not with which nodes of a group.
     if (scene.tethers.ligament_end > 0) {
         add("ligament to one side", [](Case&, PlayerSettings& s) { s.model.ligament.lean = 0.5; });

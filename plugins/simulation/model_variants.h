@@ -16,6 +16,7 @@ namespace teres {
 struct ModelVariant {
     std::string name;
     std::function<void(Case& c, PlayerSettings& settings)> change;
+    double share = 1.0;  ///< standard deviation of what it changes, in such changes
 };
 
 /// Meshes, shares of nodal strain, laws, how far clamps reach, and where within its groups a ligament holds.

@@ -59,6 +59,7 @@ class Trajectory final : public TrajectoryModel {
     bool effect_forces(std::size_t which, std::span<double> rms_n) const noexcept override;
     std::size_t num_variants() const noexcept override { return variants_.size(); }
     const char* variant_name(std::size_t index) const noexcept override { return variants_[index].name.c_str(); }
+    double variant_share(std::size_t index) const noexcept override { return variants_[index].share; }
     TrajectoryReport simulate_variant(std::size_t index, const Hypothesis& h, std::span<const std::int32_t> frames,
                                       std::span<double> markers_m, std::span<double> points_m) noexcept override;
     TrajectoryModel* twin() noexcept override;
