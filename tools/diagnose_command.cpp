@@ -31,9 +31,10 @@ void add_diagnose_command(CLI::App& app, int& exit_code) {
     verb->add_option("--json", options->json_file, "Write the diagnosis as JSON (teres-gap-1)")->type_name("FILE");
     verb->add_option("--report", options->report_folder, "Write a report: index.html, its data as CSV, pictures")
         ->type_name("DIR");
-    verb->add_option("--predict", options->predict_file,
-                     "Write t_s,point_id,x_m,y_m,z_m of the points of validation_rest.csv with the named effects added and "
-                     "the model's own error as far as the recording shows it")
+    verb->add_option(
+            "--predict", options->predict_file,
+            "Write t_s,point_id,x_m,y_m,z_m of the points of validation_rest.csv with the named effects added and "
+            "the model's own error as far as the recording shows it")
         ->type_name("CSV");
     verb->add_option("--predict-nominal", options->predict_nominal_file, "The same without any effect")
         ->type_name("CSV");

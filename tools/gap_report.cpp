@@ -142,10 +142,11 @@ Status draw(const Json& j, const Residuals& r, const std::vector<double>& gap, c
     Plot plot;
     plot.title = "Markers, observed minus simulated, case " + name;
     plot.x_label = "time [s]";
-    plot.panels.push_back({.y_label = "rms distance [mm]",
-                           .from_zero = true,
-                           .curves = {{"nominal", r.t_s, r.before_mm}, {"with named effects and model error", r.t_s, r.after_mm}},
-                           .references = {{"floor", value(j["gap"]["noise_floor_mm"])}}});
+    plot.panels.push_back(
+        {.y_label = "rms distance [mm]",
+         .from_zero = true,
+         .curves = {{"nominal", r.t_s, r.before_mm}, {"with named effects and model error", r.t_s, r.after_mm}},
+         .references = {{"floor", value(j["gap"]["noise_floor_mm"])}}});
     TERES_TRY(save_plot(plot, folder / "residuals.png"));
 
     BarPlot bars;
@@ -219,8 +220,9 @@ std::string verdict_text(const std::string& gap_json) {
     if (!top["confusable_with"].empty())
         text += " With these loads and markers it cannot be told from " + joined(top["confusable_with"], ", ") + ".";
     text += " With it added, and the model's own error learned from the fitted data," +
-            format(" %.0f %% of the gap is gone", 100.0 * value(s["fraction"])) + " on data that were never fitted (" + format("%.2f mm", value(s["before_rms_mm"])) + " to " +
-            format("%.2f mm", value(s["after_rms_mm"])) + ", " + s["heldout"].get<std::string>() + ").";
+            format(" %.0f %% of the gap is gone", 100.0 * value(s["fraction"])) + " on data that were never fitted (" +
+            format("%.2f mm", value(s["before_rms_mm"])) + " to " + format("%.2f mm", value(s["after_rms_mm"])) + ", " +
+            s["heldout"].get<std::string>() + ").";
     const Json& where = j["where"];
     if (where["center_m"].is_array()) {
         const auto c = where["center_m"].get<std::vector<double>>();

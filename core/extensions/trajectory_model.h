@@ -90,8 +90,8 @@ class TrajectoryModel : public EffectCatalogue {
     /// Standard deviation of what the variant changes, in such changes.
     virtual double variant_share(std::size_t /*index*/) const noexcept { return 1.0; }
     /// Simulates variant `index` at the given frames only (ascending), from where the body was at them at the last
-    /// simulate(); markers_m has 3 M per listed frame, points_m 3 P or nothing, NaN at those of a quasi-static recording
-    /// that do not converge. Several threads may ask at once.
+    /// simulate(); markers_m has 3 M per listed frame, points_m 3 P or nothing, NaN at those of a quasi-static
+    /// recording that do not converge. Several threads may ask at once.
     virtual TrajectoryReport simulate_variant(std::size_t index, const Hypothesis& h,
                                               std::span<const std::int32_t> frames, std::span<double> markers_m,
                                               std::span<double> points_m) noexcept = 0;

@@ -122,10 +122,9 @@ void close_on_held_out(Diagnosis& out, Forecast& forecast, const Fit& best, cons
 
     const auto ladder_step = [&](const std::vector<std::size_t>& entries, const Eigen::VectorXd& fitted,
                                  const Eigen::VectorXd& whole, bool model_error) {
-        out.ladder.push_back(
-            {ids(effects, entries),
-             gap_rms_m(out.recording.observed, fitted, out.recording.fit_rows, out.recording.noise_m),
-             gap_rms_m(all.observed, whole, all.held_rows, all.noise_m), model_error});
+        out.ladder.push_back({ids(effects, entries),
+                              gap_rms_m(out.recording.observed, fitted, out.recording.fit_rows, out.recording.noise_m),
+                              gap_rms_m(all.observed, whole, all.held_rows, all.noise_m), model_error});
     };
     ladder_step({}, out.nominal.trajectory, before, false);
     for (std::size_t k = 1; named != nullptr && k <= named->entries.size(); ++k) {
@@ -197,9 +196,7 @@ Result<void> find_causes(Problem& problem, const GapRecording& recording, const 
             if (enough || !search_further(problem, out.nominal, out.screening, causes)) break;
         }
     };
-    const auto judged = [&] {
-        return judge(causes, out.nominal.compared_cost(), problem.floor, options.calibration);
-    };
+    const auto judged = [&] { return judge(causes, out.nominal.compared_cost(), problem.floor, options.calibration); };
     if (!causes.empty()) add_more();
     out.verdict = judged();
     // What will be searched with other data held out need not be looked at again before.

@@ -76,7 +76,7 @@ struct Diagnosis {
     std::vector<double> points_m;          ///< validation points with the named effects and the model's own error
     std::vector<double> nominal_points_m;  ///< ... with neither
     std::vector<double> nodes_before_m, nodes_after_m;  ///< all nodes per frame
-    Eigen::VectorXd after;  ///< markers with the named effects and the model's own error
+    Eigen::VectorXd after;                              ///< markers with the named effects and the model's own error
 
     /// The named answer: the most probable cause, or null if `none` or `unknown` is more probable.
     const Cause* named() const;

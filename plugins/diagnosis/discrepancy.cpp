@@ -33,8 +33,8 @@ std::filesystem::path cache_file(const Simulator& simulator, const std::filesyst
     return folder / name;
 }
 
-// Native doubles: rows, columns, frames, runs, rows at the points, then the columns, those at the points, the remainders.
-// A cache never leaves its host.
+// Native doubles: rows, columns, frames, runs, rows at the points, then the columns, those at the points, the
+// remainders. A cache never leaves its host.
 bool read_cache(const std::filesystem::path& file, const Simulator& simulator, Discrepancy& out) {
     std::ifstream in(file, std::ios::binary);
     double head[5] = {};
@@ -113,7 +113,8 @@ Eigen::MatrixXd temporal_modes(const Eigen::MatrixXd& motion) {
     return basis;
 }
 
-// Difference at the listed frames to all frames (channels x frames), through temporal modes: at most one for two frames.
+// Difference at the listed frames to all frames (channels x frames), through temporal modes: at most one for two
+// frames.
 Eigen::MatrixXd spread_in_time(const Eigen::MatrixXd& at_frames, const std::vector<Eigen::Index>& frames,
                                const Eigen::MatrixXd& temporal) {
     const Eigen::Index count = std::min(temporal.cols(), static_cast<Eigen::Index>(frames.size()) / 2 + 1);

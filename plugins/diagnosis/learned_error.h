@@ -1,5 +1,5 @@
-// What our own model's error explains of what a fit leaves, carried to where nothing was fitted (the posterior mean of a
-// Kennedy-O'Hagan discrepancy):
+// What our own model's error explains of what a fit leaves, carried to where nothing was fitted (the posterior mean of
+// a Kennedy-O'Hagan discrepancy):
 //
 //     c = argmin |S^{-1/2} (r - D c)|^2 + |c|^2  over the fitted numbers,   S = diag(s_i^2)
 //     markers += D c,   validation points += D_p c

@@ -54,7 +54,8 @@ std::vector<ModelVariant> model_variants(const Case& c, const PlayerSettings& se
     add("element shear", [](Case&, PlayerSettings& s) { s.model.shear_blend = 1.0; });
     // Where a clamp ends is known to half an edge of the mesh: a uniform distribution.
     if (!c.clamped.empty() && !dynamic)
-        add("wider clamps", [](Case& other, PlayerSettings&) { widen_clamps(other); }, 1.0 / std::sqrt(12.0));
+        add(
+            "wider clamps", [](Case& other, PlayerSettings&) { widen_clamps(other); }, 1.0 / std::sqrt(12.0));
     // The atlas says where a ligament may hold, not with which nodes of a group.
     if (scene.tethers.ligament_end > 0) {
         add("ligament to one side", [](Case&, PlayerSettings& s) { s.model.ligament.lean = 0.5; });

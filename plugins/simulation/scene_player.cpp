@@ -244,7 +244,8 @@ TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::u
 TrajectoryReport ScenePlayer::play_markers(const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
                                            std::span<const std::int32_t> frames, std::span<double> markers_m,
                                            std::span<double> points_m, const Guess& guess) {
-    const std::size_t row = 3 * model_->num_markers(), dofs = 3 * model_->num_nodes(), points = 3 * model_->num_points();
+    const std::size_t row = 3 * model_->num_markers(), dofs = 3 * model_->num_nodes(),
+                      points = 3 * model_->num_points();
     TERES_CHECK(markers_m.size() == frames.size() * row);
     TERES_CHECK(points_m.empty() || points_m.size() == frames.size() * points);
     std::vector<double> whole(model_->num_state(), 0.0);

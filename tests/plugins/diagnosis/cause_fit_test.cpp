@@ -25,11 +25,7 @@ TEST(CauseFit, BeginsWithItsOwnCourse) {
     Recording recording = *make_recording({"toy", &body, nullptr, observed, 3e-4, 1});
     Simulator simulator(body, nullptr, effects);
     const DiagnosisOptions options;
-    Problem problem{simulator,
-                    recording,
-                    options,
-                    {},
-                    white(recording)};
+    Problem problem{simulator, recording, options, {}, white(recording)};
     const Assumption truth{{38.0, 70.0}, {}}, other{{60.0, 60.0}, {}};
     Eigen::VectorXd trajectory;
     ASSERT_TRUE(simulator.simulate(other, trajectory));

@@ -184,7 +184,7 @@ TEST(Diagnosis, ModelErrorIsLearnedAndPredicted) {
         if (pulled) effects.push_back({test::ToyBody::kUnknownLoad, load});
         Scene scene(effects);
         const std::vector<double> theta{38.0, 70.0}, usual = scene.body.motion({theta, effects}, 1.02),
-                                  truth = scene.body.motion({theta, effects}, 1.0, 1.0);
+                                                     truth = scene.body.motion({theta, effects}, 1.0, 1.0);
         for (std::size_t row = 0; row < truth.size(); ++row) scene.observed[row] += truth[row] - usual[row];
         const auto d = scene.run();
         ASSERT_TRUE(d) << d.error().text;
