@@ -28,6 +28,11 @@ std::string format(const char* text, double number) {
     return out;
 }
 
+// Whether the prediction has the model's own error in it; not where only the beginning of a recording was fitted.
+bool model_error_learned(const Json& j) {
+    return !j["ladder"].empty() && j["ladder"].back()["model_error"].get<bool>();
+}
+
 std::string joined(const Json& names, const char* separator) {
     std::string text;
     for (const auto& name : names) text += (text.empty() ? "" : separator) + name.get<std::string>();
@@ -142,11 +147,11 @@ Status draw(const Json& j, const Residuals& r, const std::vector<double>& gap, c
     Plot plot;
     plot.title = "Markers, observed minus simulated, case " + name;
     plot.x_label = "time [s]";
-    plot.panels.push_back(
-        {.y_label = "rms distance [mm]",
-         .from_zero = true,
-         .curves = {{"nominal", r.t_s, r.before_mm}, {"with named effects and model error", r.t_s, r.after_mm}},
-         .references = {{"floor", value(j["gap"]["noise_floor_mm"])}}});
+    const char* after = model_error_learned(j) ? "with named effects and model error" : "with the named effects";
+    plot.panels.push_back({.y_label = "rms distance [mm]",
+                           .from_zero = true,
+                           .curves = {{"nominal", r.t_s, r.before_mm}, {after, r.t_s, r.after_mm}},
+                           .references = {{"floor", value(j["gap"]["noise_floor_mm"])}}});
     TERES_TRY(save_plot(plot, folder / "residuals.png"));
 
     BarPlot bars;
@@ -219,7 +224,8 @@ std::string verdict_text(const std::string& gap_json) {
                        format(" (%.0f %%).", 100.0 * value(top["probability"]));
     if (!top["confusable_with"].empty())
         text += " With these loads and markers it cannot be told from " + joined(top["confusable_with"], ", ") + ".";
-    text += " With it added, and the model's own error learned from the fitted data," +
+    text += std::string(" With it added") +
+            (model_error_learned(j) ? " and the model's own error learned from the fitted data," : ",") +
             format(" %.0f %% of the gap is gone", 100.0 * value(s["fraction"])) + " on data that were never fitted (" +
             format("%.2f mm", value(s["before_rms_mm"])) + " to " + format("%.2f mm", value(s["after_rms_mm"])) + ", " +
             s["heldout"].get<std::string>() + ").";

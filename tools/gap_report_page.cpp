@@ -127,7 +127,7 @@ function axes(c,w,h,x0,x1,y1,xl,yl){c.strokeStyle="#8b98a5";c.fillStyle="#43505c
  axes(c,w,h,x0,x1,y1,"time [s]","rms distance [mm]");
  c.setLineDash([5,4]);c.strokeStyle="#777";c.beginPath();c.moveTo(50,py(D.gap.noise_floor_mm));c.lineTo(w-10,py(D.gap.noise_floor_mm));c.stroke();c.setLineDash([]);
  ["#b4472e","#2c6fb0"].forEach((color,k)=>{c.strokeStyle=color;c.lineWidth=2;c.beginPath();let open=false;line[k].forEach((v,f)=>{if(v===null){open=false;return}open?c.lineTo(px(T[f]),py(v)):c.moveTo(px(T[f]),py(v));open=true});c.stroke();
-  c.fillStyle=color;c.fillText(["nominal","with named effects and model error"][k],90+120*k,24)});c.lineWidth=1;c.fillStyle="#777";c.fillText("floor (dashed)",400,24)}
+  c.fillStyle=color;c.fillText(["nominal",D.ladder.some(l=>l.model_error)?"with named effects and model error":"with the named effects"][k],90+120*k,24)});c.lineWidth=1;c.fillStyle="#777";c.fillText("floor (dashed)",400,24)}
 {const c=$("shares").getContext("2d"),list=D.where.markers,top=Math.max(...list.map(m=>m.share),.01);
  list.forEach((m,k)=>{const x=8+k*(404/list.length),b=Math.max(2,404/list.length-4),y=120*m.share/top;c.fillStyle="#3d6f9e";c.fillRect(x,140-y,b,y);c.fillStyle="#43505c";c.fillText(m.marker_id,x,154)});
  c.fillText("marker id; tallest "+num(100*top,0)+" %",8,168)}

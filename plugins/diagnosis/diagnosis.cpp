@@ -118,7 +118,7 @@ void close_on_held_out(Diagnosis& out, Forecast& forecast, const Fit& best, cons
         out.after = predicted(after);
     }
     const Eigen::VectorXd before = forecast.of(out.nominal);
-    out.shrinkage = shrinkage(all, all.held_rows, before, predicted(after));
+    out.shrinkage = shrinkage(all, all.held_rows, before, error_known ? out.after : after);
 
     const auto ladder_step = [&](const std::vector<std::size_t>& entries, const Eigen::VectorXd& fitted,
                                  const Eigen::VectorXd& whole, bool model_error) {
