@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "core/case/case_reader.h"
 #include "core/case/text_file.h"
 #include "core/case/text_writer.h"
 #include "tools/blindtest/case_maker.h"
@@ -22,12 +23,13 @@ namespace fs = std::filesystem;
 using namespace teres::blindtest;
 
 struct BlindtestOptions {
-    std::string stage = "all", out = "blindtest", shard = "0/1", plots;
+    std::string stage = "all", out = "blindtest", shard = "0/1", plots, body;
     std::vector<std::string> files;
     PlanOptions plan;
     TrialOptions trial;
     double floor_mm = 0.0;  // 0: from the controls
     bool keep = false;
+    std::shared_ptr<const Case> given;
 };
 
 std::string shard_name(const PlanOptions& plan) {
@@ -41,9 +43,26 @@ Status read_shard(const std::string& text, PlanOptions& plan) {
     return {};
 }
 
+// The truth of a given body: edges of about 20 mm in an adult's liver, as in the drawn ones.
+constexpr double kGivenTruthTets = 1600.0;
+
+Status read_body(BlindtestOptions& o) {
+    if (o.body.empty()) return {};
+    TERES_TRY_ASSIGN(Case given, read_case(o.body, {.observations = false}));
+    TERES_TRY(check_given(given));
+    const bool ligament = given.ligament && !given.ligament_prior.empty();
+    o.plan.given = {.clamped = !given.clamped.empty(), .dynamic = !given.quasi_static, .ligament = ligament};
+    o.given = std::make_shared<const Case>(std::move(given));
+    return {};
+}
+
 Status generate(const BlindtestOptions& o, const std::vector<CaseSpec>& cases) {
     const fs::path out = o.out, scratch = out / ("scratch-" + shard_name(o.plan));
     CaseMaker maker(o.plan.seed, out, scratch);
+    if (o.given) {
+        maker.body_options.given = o.given;
+        maker.body_options.truth_tets = kGivenTruthTets;
+    }
     Progress progress("sealed cases", cases.size());
     int discarded = 0;
     for (const CaseSpec& spec : cases) {
@@ -115,6 +134,7 @@ Status run(BlindtestOptions& o) {
     if (o.stage == "merge") return merge(o);
     if (!o.files.empty()) return invalid_input("blindtest " + o.stage + ": unexpected '" + o.files.front() + "'");
     TERES_TRY(read_shard(o.shard, o.plan));
+    TERES_TRY(read_body(o));
     TERES_TRY_ASSIGN(const std::vector<CaseSpec> cases, plan_cases(o.plan));
     o.trial.out = o.out;
     o.trial.program = fs::read_symlink("/proc/self/exe");
@@ -137,6 +157,8 @@ void add_blindtest_command(CLI::App& app, int& exit_code) {
         "  teres blindtest generate --cases 290 --two-causes 16 --shard 3/8 --out bench     # one of eight shards\n"
         "  teres blindtest diagnose --cases 290 --two-causes 16 --shard 3/8 --out bench --withheld\n"
         "  teres blindtest score    --cases 290 --two-causes 16 --shard 3/8 --out bench\n"
+        "  teres blindtest --body phantom --cases 25 --seed 7 --out bench                   # on your own body and "
+        "loads\n"
         "  teres blindtest merge bench/results-*.jsonl --plots bench/plots\n"
         "Stages that were interrupted go on where they stopped. OUT/cases is all that the diagnosis is given; "
         "OUT/sealed\n"
@@ -156,6 +178,9 @@ void add_blindtest_command(CLI::App& app, int& exit_code) {
     verb->add_option("--effects", o.plan.effects, "Only these, separated by commas (`none`: a control)")
         ->delimiter(',')
         ->type_name("ID,ID");
+    verb->add_option("--body", o.body,
+                     "Cases of this body: its mesh, loads, markers and prior; ligament, law and effects are drawn")
+        ->type_name("CASE");
     verb->add_flag("--static", o.plan.quasi_static,
                    "Without the cases that have inertia (their diagnosis takes ten times as long)");
     verb->add_option("--seed", o.plan.seed, "Same seed, same cases")->capture_default_str();

@@ -10,6 +10,7 @@
 #include <set>
 
 #include "core/case/case_reader.h"
+#include "core/case/case_writer.h"
 #include "core/case/geometry.h"
 #include "core/case/mesh_checks.h"
 #include "core/case/text_file.h"
@@ -18,6 +19,7 @@
 #include "tests/support/program.h"
 #include "tests/support/synthetic_case.h"
 #include "tests/support/test_data.h"
+#include "tools/blindtest/body_shape.h"
 #include "tools/blindtest/case_maker.h"
 #include "tools/blindtest/lattice_mesher.h"
 #include "tools/blindtest/score_report.h"
@@ -55,6 +57,19 @@ TEST(LatticeMesher, FillsABall) {
     const Surface surface(mesh);
     for (const std::int32_t id : surface.nodes())
         EXPECT_NEAR(norm(mesh.nodes[static_cast<std::size_t>(id)]), radius, 1e-5);
+}
+
+// Inside, beside a face, beyond an edge and beyond a corner of a block the distance is that of pen and paper.
+TEST(MeshShape, IsTheSignedDistance) {
+    const MeshShape shape(test::block_mesh({0.04, 0.03, 0.02}, {4, 3, 2}));
+    EXPECT_NEAR(shape.level({0.02, 0.015, 0.004}), -0.004, 1e-12);
+    EXPECT_NEAR(shape.level({0.02, 0.015, 0.025}), 0.005, 1e-12);
+    EXPECT_NEAR(shape.level({0.043, 0.034, 0.011}), 0.005, 1e-12);
+    EXPECT_NEAR(shape.level({-0.001, -0.002, -0.002}), 0.003, 1e-12);
+    EXPECT_NEAR(norm(minus(shape.normal({0.02, 0.03, 0.012}), {0.0, 1.0, 0.0})), 0.0, 1e-9);
+    EXPECT_NEAR(norm(minus(shape.exit({0.02, 0.015, 0.01}, {1.0, 0.0, 0.0}), {0.04, 0.015, 0.01})), 0.0, 1e-9);
+    EXPECT_NEAR(shape.scale(), std::cbrt(0.04 * 0.03 * 0.02 / 0.00055), 1e-9);  // an adult's: 0.55 litres
+    EXPECT_LT(shape.level(shape.centre()), -0.005);
 }
 
 // A cut right through a 2 x 1 x 1 block of cubes parts it: the four nodes of the middle face are doubled.
@@ -116,6 +131,31 @@ TEST(Plan, RejectsNonsense) {
     const auto unknown = plan_cases(ghost);
     ASSERT_FALSE(unknown);
     EXPECT_THAT(unknown.error().text, ::testing::HasSubstr("'ghost'"));
+}
+
+// Causes that a given body has no part for are left out; all cases are of the one patient.
+TEST(Plan, OfAGivenBodyHoldsWhatItCanShow) {
+    PlanOptions options;
+    options.cases = 40;
+    options.two_causes = 10;
+    options.given = PlanOptions::Given{.clamped = false, .dynamic = false, .ligament = true};
+    const auto cases = plan_cases(options);
+    ASSERT_TRUE(cases);
+    std::set<std::string> seen;
+    for (const CaseSpec& spec : *cases) {
+        EXPECT_EQ(spec.draw, 0u);
+        EXPECT_FALSE(spec.clamped || spec.dynamic);
+        seen.insert(spec.effects.begin(), spec.effects.end());
+    }
+    for (const char* id : {"clamp_compliance", "ligament_slack", "inertia", "damping"})
+        EXPECT_EQ(seen.count(id), 0u) << id;
+    EXPECT_EQ(seen.size(), 22u);
+    options.given->ligament = false;
+    for (const CaseSpec& spec : *plan_cases(options))
+        for (const std::string& id : spec.effects)
+            EXPECT_THAT(id, ::testing::AnyOf("none", ::testing::Not("ligament_tear")));
+    options.effects = {"inertia"};
+    EXPECT_FALSE(plan_cases(options));
 }
 
 TEST(Seal, IsSha256) {  // FIPS 180-2, appendix B.1
@@ -391,6 +431,70 @@ class SmallCases : public ::testing::Test {
         ASSERT_TRUE(write_text_file(out / "seal-0-of-1.sha256", *list));
     }
 };
+
+// A block with a ligament on its lid, two loads, a camera.
+Case given_block() {
+    Case c = camera_case();
+    c.clamped.clear();
+    c.ligament = LigamentData{.youngs_modulus_pa = 60e3, .poissons_ratio = 0.49, .height_m = 0.02};
+    for (std::size_t i = 0; i < c.mesh.nodes.size(); ++i)
+        if (const Point& p = c.mesh.nodes[i]; p[2] > 0.0299)
+            c.ligament_prior.push_back({static_cast<std::int32_t>(i), p[0] < 0.04 ? 0.9 : 0.05});
+    return c;
+}
+
+TEST(CheckGiven, NamesWhatCannotBeUsed) {
+    EXPECT_TRUE(check_given(given_block()));
+    const auto refused = [](const char* why, const auto& spoil) {
+        Case c = given_block();
+        spoil(c);
+        const Status status = check_given(c);
+        ASSERT_FALSE(status) << why;
+        EXPECT_THAT(status.error().text, ::testing::HasSubstr(why));
+    };
+    refused("gravity_m_s2", [](Case& c) { c.gravity_m_s2 = {0.0, 0.0, -9.81}; });
+    refused("latency_s", [](Case& c) { c.sensor.latency_s = 0.1; });
+    refused("camera_position_m", [](Case& c) { c.sensor.camera_position_m.reset(); });
+    refused("loads.csv", [](Case& c) { c.loads.clear(); });
+    refused("ligament", [](Case& c) { c.ligament_prior.clear(); });
+}
+
+// The modeller's side of a case on a given body is the given case; true ligament and sensor are drawn.
+TEST(GivenBody, IsKeptByItsCases) {
+    TERES_REQUIRE_CALCULIX();
+    const ScratchFolder scratch;
+    const Case given = given_block();
+    ASSERT_TRUE(write_case(given, scratch.path() / "given"));
+    const std::vector<std::string> options{
+        "--body", (scratch.path() / "given").string(), "--cases", "1", "--effects", "latency", "--seed", "4",
+        "--out",  (scratch.path() / "bench").string()};
+    std::vector<std::string> generate{"blindtest", "generate"};
+    generate.insert(generate.end(), options.begin(), options.end());
+    const test::Run made = test::run_teres(generate);
+    ASSERT_EQ(made.exit_code, 0) << made.error;
+    const auto c = read_case(scratch.path() / "bench/cases/c0000");
+    ASSERT_TRUE(c) << c.error().text;
+    EXPECT_EQ(c->mesh.tets, given.mesh.tets);
+    EXPECT_EQ(c->num_frames, given.num_frames);
+    ASSERT_EQ(c->markers.size(), given.markers.size());
+    EXPECT_EQ(c->loads.size(), given.loads.size());
+    EXPECT_EQ(c->ligament_prior.size(), given.ligament_prior.size());
+    ASSERT_TRUE(fs::exists(scratch.path() / "bench/sealed/c0000/label.json"));
+    const auto label = nlohmann::json::parse(*read_text_file(scratch.path() / "bench/sealed/c0000/label.json"));
+    ASSERT_FALSE(label.value("discarded", false)) << label.dump(1);
+    const double modulus_pa = label["ligament"]["youngs_modulus_pa"];
+    EXPECT_GT(modulus_pa, 0.6 * 60e3);
+    EXPECT_LT(modulus_pa, 1.6 * 60e3);
+    for (const auto& facet : label["ligament"]["facet_centroids_m"]) {  // the lid's left part, shifted 4 mm at most
+        EXPECT_LT(facet[0], 0.06);
+        EXPECT_GT(facet[2], 0.02);
+    }
+    EXPECT_GT(label["motion_rms_mm"], 0.1);
+    generate[3] = (scratch.path() / "nowhere").string();
+    const test::Run refused = test::run_teres(generate);
+    EXPECT_EQ(refused.exit_code, 2);
+    EXPECT_THAT(refused.error, ::testing::HasSubstr("nowhere"));
+}
 
 TEST_F(SmallCases, AreTheSameForTheSameSeedAndSealed) {
     TERES_REQUIRE_CALCULIX();

@@ -189,10 +189,14 @@ Status CaseMaker::make_once(const CaseSpec& spec, const Patient& patient, int at
     label["motion_rms_mm"] = 1e3 * rms(difference(patient.control.markers, rest));
     label["noise_factor"] = sensor.noise_factor;
     label["body_law"] = static_cast<int>(body.control().body.law);
-    label["ligament"] = {{"youngs_modulus_pa", body.true_band().youngs_modulus_pa},
-                         {"x0_m", body.true_band().x0_m},
-                         {"width_m", body.true_band().width_m},
-                         {"theta_deg", {body.true_band().theta0_deg, body.true_band().theta1_deg}}};
+    label["ligament"] = {{"youngs_modulus_pa", body.true_band().youngs_modulus_pa}};
+    if (body.options().given) {
+        label["ligament"]["facet_centroids_m"] = body.control().band;
+    } else {
+        label["ligament"]["x0_m"] = body.true_band().x0_m;
+        label["ligament"]["width_m"] = body.true_band().width_m;
+        label["ligament"]["theta_deg"] = {body.true_band().theta0_deg, body.true_band().theta1_deg};
+    }
     label["attempts"] = attempt + 1;
 
     const fs::path sealed = out_ / "sealed" / spec.name;

@@ -6,7 +6,6 @@
 namespace teres::blindtest {
 namespace {
 constexpr double kBlend = 0.012;  // [m] rounding of the union and of the hollow
-constexpr double kReach = 0.25;   // [m] no part is further from the centre
 }  // namespace
 
 // First-order distance: k0 (k0 - 1) / k1, k0 = |p/r|, k1 = |p/r^2|.
@@ -45,34 +44,6 @@ double LiverShape::level(const Point& world) const {
     const double body = low - kBlend * std::log(sum), hole = -hollow_.level(p);
     const double high = std::max(body, hole);
     return scale_ * (high + kBlend * std::log(std::exp((body - high) / kBlend) + std::exp((hole - high) / kBlend)));
-}
-
-Point LiverShape::normal(const Point& p) const {
-    constexpr double kStep = 1e-5;
-    Point g{};
-    for (std::size_t i = 0; i < 3; ++i) {
-        Point a = p, b = p;
-        a[i] -= kStep;
-        b[i] += kStep;
-        g[i] = level(b) - level(a);
-    }
-    return times(1.0 / std::max(norm(g), 1e-300), g);
-}
-
-Point LiverShape::exit(const Point& origin, const Point& direction) const {
-    double inside = 0.0, outside = kReach;
-    for (double r = 0.0; r < kReach; r += 0.002) {  // first crossing
-        if (level(plus(origin, times(r, direction))) >= 0.0) {
-            outside = r;
-            break;
-        }
-        inside = r;
-    }
-    for (int i = 0; i < 40; ++i) {
-        const double middle = 0.5 * (inside + outside);
-        (level(plus(origin, times(middle, direction))) < 0.0 ? inside : outside) = middle;
-    }
-    return plus(origin, times(inside, direction));
 }
 
 }  // namespace teres::blindtest

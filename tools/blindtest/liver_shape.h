@@ -6,23 +6,20 @@
 #include <vector>
 
 #include "core/case/case.h"
+#include "tools/blindtest/body_shape.h"
 #include "tools/blindtest/random.h"
 
 namespace teres::blindtest {
 
-class LiverShape {
+class LiverShape : public BodyShape {
   public:
     /// Draws sizes and places of the parts about those of an adult's liver.
     explicit LiverShape(Random& random);
 
-    /// Negative inside, positive outside, about the distance near the surface [m].
-    double level(const Point& p) const;
-    /// Outward unit normal of the level set through p (differences).
-    Point normal(const Point& p) const;
-    /// Where the ray from `origin` (inside) along `direction` leaves the body.
-    Point exit(const Point& origin, const Point& direction) const;
-    Point centre() const { return kCentre; }
-    double scale() const { return scale_; }
+    double level(const Point& p) const override;
+    Point centre() const override { return kCentre; }
+    std::pair<Point, Point> box() const override { return {{-0.14, -0.12, -0.11}, {0.14, 0.12, 0.11}}; }
+    double scale() const override { return scale_; }
 
   private:
     struct Ellipsoid {

@@ -9,6 +9,14 @@
 namespace teres::blindtest {
 namespace {
 
+bool can_show(const std::optional<PlanOptions::Given>& given, const EffectKind& kind) {
+    if (!given) return true;
+    const bool of_ligament =
+        std::string(kind.family) == "ligament state" || kind.id == std::string("moving_attachment");
+    return (!kind.needs_clamp || given->clamped) && (!kind.needs_dynamics || given->dynamic) &&
+           (!of_ligament || given->ligament);
+}
+
 // A draw holds every effect once and three controls: both kinds of support and a dynamic one.
 std::vector<CaseSpec> cases_of_draw(const PlanOptions& options, std::uint64_t draw) {
     Random random(options.seed, {draw, 991});
@@ -18,6 +26,8 @@ std::vector<CaseSpec> cases_of_draw(const PlanOptions& options, std::uint64_t dr
         for (const EffectKind& kind : effect_kinds()) effects.emplace_back(kind.id);
         effects.insert(effects.end(), {"none", "none", "none"});
     }
+    std::erase_if(effects,
+                  [&](const std::string& id) { return id != "none" && !can_show(options.given, *find_effect(id)); });
     std::vector<CaseSpec> cases;
     int controls = 0;
     for (const std::string& id : effects) {
@@ -31,6 +41,11 @@ std::vector<CaseSpec> cases_of_draw(const PlanOptions& options, std::uint64_t dr
             spec.effects = {id};
             spec.dynamic = kind.needs_dynamics;
             spec.clamped = clamped || kind.needs_clamp || kind.needs_dynamics;
+        }
+        if (options.given) {
+            spec.draw = 0;
+            spec.clamped = options.given->clamped;
+            spec.dynamic = options.given->dynamic;
         }
         cases.push_back(std::move(spec));
     }
@@ -49,9 +64,15 @@ CaseSpec two_cause_case(const PlanOptions& options, int number) {
         };
         const bool restricted = options.effects.size() > 2;
         if ((restricted && (!in_list(a) || !in_list(b))) || std::string(a.family) == b.family) continue;
-        if (a.needs_dynamics || b.needs_dynamics || (a.event && b.event)) continue;
+        if (!can_show(options.given, a) || !can_show(options.given, b) || (a.event && b.event)) continue;
+        if (!options.given && (a.needs_dynamics || b.needs_dynamics)) continue;
         CaseSpec spec{"", static_cast<std::uint64_t>(number), {a.id, b.id}, random.chance(0.5), false};
         spec.clamped = spec.clamped || a.needs_clamp || b.needs_clamp;
+        if (options.given) {
+            spec.draw = 0;
+            spec.clamped = options.given->clamped;
+            spec.dynamic = options.given->dynamic;
+        }
         return spec;
     }
 }
@@ -68,9 +89,12 @@ Result<std::vector<CaseSpec>> plan_cases(const PlanOptions& options) {
     for (const std::string& id : options.effects)
         if (id != "none" && find_effect(id) == nullptr) return invalid_input("--effects: '" + id + "' is no effect");
     std::vector<CaseSpec> all;
-    for (std::uint64_t draw = 0; static_cast<int>(all.size()) < options.cases; ++draw)
-        for (CaseSpec& spec : cases_of_draw(options, draw))
+    for (std::uint64_t draw = 0; static_cast<int>(all.size()) < options.cases; ++draw) {
+        std::vector<CaseSpec> drawn = cases_of_draw(options, draw);
+        if (drawn.empty()) return invalid_input("--effects: the given body can show none of them");
+        for (CaseSpec& spec : drawn)
             if (static_cast<int>(all.size()) < options.cases) all.push_back(std::move(spec));
+    }
     for (int i = 0; i < options.two_causes; ++i) all.push_back(two_cause_case(options, i));
     for (std::size_t i = 0; i < all.size(); ++i) {
         char name[24];

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -16,6 +17,11 @@ struct PlanOptions {
     std::vector<std::string> effects;  ///< empty: all, with controls ("none") among them
     bool quasi_static = false;         ///< cases with inertia are left out, the others keep their names
     int shard = 0, shards = 1;         ///< contiguous part `shard` of `shards`
+    /// Of a given body: only what it can show, all on the same patient. Without: every draw is a patient of its own.
+    struct Given {
+        bool clamped = false, dynamic = false, ligament = true;
+    };
+    std::optional<Given> given;
 };
 
 struct CaseSpec {
@@ -25,7 +31,8 @@ struct CaseSpec {
     bool clamped = false, dynamic = false;
 };
 
-/// The cases of the shard. Errors (kInvalidInput): unknown effect, counts or shard out of range.
+/// The cases of the shard. Errors (kInvalidInput): unknown effect, counts or shard out of range, none that the given
+/// body can show.
 Result<std::vector<CaseSpec>> plan_cases(const PlanOptions& options);
 
 }  // namespace teres::blindtest

@@ -6,6 +6,7 @@
 
 #include "core/case/geometry.h"
 #include "tools/blindtest/lattice_mesher.h"
+#include "tools/blindtest/liver_shape.h"
 
 namespace teres::blindtest {
 namespace {
@@ -21,27 +22,14 @@ constexpr double kLead = 1.0;           // [s] in which a state that does not st
 constexpr double kSolverLimit = 420.0;  // [s]
 constexpr std::size_t kBandLayers = 1;
 
-TetMeshData mesh_shape(const LiverShape& shape, double tets, Random& random) {
-    LatticeOptions options{
-        {-0.14, -0.12, -0.11}, {0.14, 0.12, 0.11}, 0.03, random.direction(), random.uniform(0.0, 1.0)};
+TetMeshData mesh_shape(const BodyShape& shape, double tets, Random& random) {
+    const auto [low, high] = shape.box();
+    LatticeOptions options{low, high, 0.03, random.direction(), random.uniform(0.0, 1.0)};
     const auto level = [&](const Point& p) { return shape.level(p); };
     const TetMeshData coarse = mesh_level_set(level, options);
     // Tetrahedra number about as 1 / cell^3.
     options.cell_m *= std::cbrt(static_cast<double>(coarse.tets.size()) / tets);
     return mesh_level_set(level, options);
-}
-
-// Hyperelastic laws of the same small-strain behaviour; none is the modeller's own form.
-CalculixMaterial draw_law(double youngs_modulus_pa, double poissons_ratio, Random& random) {
-    CalculixMaterial material;
-    material.youngs_modulus_pa = youngs_modulus_pa;
-    material.poissons_ratio = poissons_ratio;
-    material.density_kg_m3 = 1060.0;
-    using Law = CalculixMaterial::Law;
-    material.law = std::array{Law::kNeoHookean, Law::kYeoh, Law::kOgden}[random.index(3)];
-    material.alpha = random.uniform(0.8, 3.0);
-    material.yeoh_c20_pa = random.uniform(0.02, 0.12) * material.shear_modulus_pa();
-    return material;
 }
 
 // Curve over frames first .. first + count - 1, reached from zero in the lead-in.
@@ -103,19 +91,42 @@ std::array<std::int32_t, 3> element_face(const TruthMesh& mesh, std::size_t tria
 
 }  // namespace
 
+// Hyperelastic laws of the same small-strain behaviour; none is the modeller's own form.
+calculix::CalculixMaterial draw_law(double youngs_modulus_pa, double poissons_ratio, Random& random) {
+    CalculixMaterial material;
+    material.youngs_modulus_pa = youngs_modulus_pa;
+    material.poissons_ratio = poissons_ratio;
+    material.density_kg_m3 = 1060.0;
+    using Law = CalculixMaterial::Law;
+    material.law = std::array{Law::kNeoHookean, Law::kYeoh, Law::kOgden}[random.index(3)];
+    material.alpha = random.uniform(0.8, 3.0);
+    material.yeoh_c20_pa = random.uniform(0.02, 0.12) * material.shear_modulus_pa();
+    return material;
+}
+
 Result<TruthBody> TruthBody::make(const BodyOptions& options, const std::filesystem::path& scratch) {
     Random random(options.seed, {options.draw, options.clamped ? 1U : 0U, options.dynamic ? 1U : 0U});
-    TruthBody body(options, random);
+    if (options.given) {
+        TERES_TRY(check_given(*options.given));
+        const auto shape = std::make_shared<const MeshShape>(options.given->mesh);
+        TruthBody body(options, shape, random);
+        TERES_TRY(body.take(*options.given, *shape, random));
+        return body;
+    }
+    TruthBody body(options, std::make_shared<const LiverShape>(random), random);
+    body.draw(random);
     TERES_TRY(body.scale_loads(scratch));
     return body;
 }
 
-TruthBody::TruthBody(const BodyOptions& options, Random random)
-    : options_(options), shape_(random), mesh_(mesh_shape(shape_, options.truth_tets, random)) {
+TruthBody::TruthBody(const BodyOptions& options, std::shared_ptr<const BodyShape> shape, Random& random)
+    : options_(options), shape_(std::move(shape)), mesh_(mesh_shape(*shape_, options.truth_tets, random)) {}
+
+void TruthBody::draw(Random& random) {
     believe(random);
-    const double s = shape_.scale();
+    const double s = shape_->scale();
     if (options_.clamped) {
-        clamp_centre_m_ = shape_.exit(shape_.centre(), times(1.0, {-0.1, 0.1, -0.99}));
+        clamp_centre_m_ = shape_->exit(shape_->centre(), {-0.1, 0.1, -0.99});
         clamp_ = facets([&](const Point& c, const Point&) { return distance(c, clamp_centre_m_) < kClampRadius * s; });
     }
     control_.band = facets_of(true_band_);
@@ -137,7 +148,7 @@ void TruthBody::believe(Random& random) {
     c.num_frames = options_.frames;
     c.quasi_static = !options_.dynamic;
     c.dt_s = options_.dynamic ? 0.04 : 0.25;
-    c.mesh = mesh_shape(shape_, options_.case_tets, random);
+    c.mesh = mesh_shape(*shape_, options_.case_tets, random);
 
     BodyData& body = c.body;
     body.poissons_ratio = random.uniform(0.45, 0.485);
@@ -152,7 +163,7 @@ void TruthBody::believe(Random& random) {
     }
     control_.body = draw_law(body.youngs_modulus_pa, body.poissons_ratio, random);
 
-    const double s = shape_.scale();
+    const double s = shape_->scale();
     prior_band_ = {.axis_m = {0.0, 0.030 * s, 0.0},
                    .x0_m = random.uniform(0.004, 0.020) * s,
                    .tilt_m = 0.0,
@@ -197,7 +208,7 @@ void TruthBody::place_loads(Random& random) {
     for (std::size_t r = 0; r < places.size(); ++r) {
         const Point towards = plus(places[r].second, times(0.2, random.direction()));
         const Point centre =
-            mesh_.surface().closest(shape_.exit(shape_.centre(), times(1.0 / norm(towards), towards))).position_m;
+            mesh_.surface().closest(shape_->exit(shape_->centre(), times(1.0 / norm(towards), towards))).position_m;
         regions_.push_back({centre, kPatchRadius, {}});
         LoadRegion region{places[r].first, {}, {}};
         for (const auto& [node, share] : patch_weights(c.mesh, surface, nullptr, centre, kPatchRadius)) {
@@ -206,7 +217,7 @@ void TruthBody::place_loads(Random& random) {
         }
         c.load_regions.push_back(std::move(region));
 
-        const Point normal = shape_.normal(centre), side = random.direction();
+        const Point normal = shape_->normal(centre), side = random.direction();
         const Point a = plus(normal, times(0.8, side)), b = plus(times(-0.6, normal), random.direction());
         const double period_a = fast * random.uniform(2.6, 4.0), period_b = fast * random.uniform(4.2, 6.5);
         const double share_b = random.uniform(0.4, 0.8);
@@ -243,19 +254,26 @@ void TruthBody::place_samples(Random& random) {
     };
     std::vector<Point> seen;
     for (std::size_t t = 0; t < mesh_.surface().triangles().size(); ++t) {
-        const Point c = mesh_.centroid(t), to_camera = minus(kCamera, c);
-        const bool covered = true_band_.contains(c) || prior_band_.prior_probability(c) > 0.3;
-        if (covered || dot(shape_.normal(c), to_camera) < 0.35 * norm(to_camera)) continue;
+        const Point c = mesh_.centroid(t), to_camera = minus(*nominal_.sensor.camera_position_m, c);
+        const bool covered = options_.given ? std::count(control_.band.begin(), control_.band.end(), c) != 0
+                                            : true_band_.contains(c) || prior_band_.prior_probability(c) > 0.3;
+        if (covered || dot(shape_->normal(c), to_camera) < 0.35 * norm(to_camera)) continue;
         const auto& [a, b, d] = mesh_.surface().triangles()[t];
         const double u = random.uniform(0.2, 0.4), v = random.uniform(0.2, 0.4);
         const auto node = [&](std::int32_t id) { return mesh_.corners().nodes[static_cast<std::size_t>(id)]; };
         seen.push_back(plus(times(1.0 - u - v, node(a)), plus(times(u, node(b)), times(v, node(d)))));
     }
-    spread(seen, options_.markers, nominal_.markers);
+    if (nominal_.markers.empty()) spread(seen, options_.markers, nominal_.markers);
+    if (!nominal_.validation_rest.empty()) return;
     std::vector<Point> inner;
     while (inner.size() < 400) {
-        const Point p{random.uniform(-0.13, 0.13), random.uniform(-0.11, 0.11), random.uniform(-0.09, 0.09)};
-        if (shape_.level(p) < -0.010 && !in_body(mesh_, p).weights.empty()) inner.push_back(p);
+        // the drawn body's: narrower than its box
+        const auto [low, high] = shape_->box();
+        const Point p = options_.given ? Point{random.uniform(low[0], high[0]), random.uniform(low[1], high[1]),
+                                               random.uniform(low[2], high[2])}
+                                       : Point{random.uniform(-0.13, 0.13), random.uniform(-0.11, 0.11),
+                                               random.uniform(-0.09, 0.09)};
+        if (shape_->level(p) < -0.010 && !in_body(mesh_, p).weights.empty()) inner.push_back(p);
     }
     spread(inner, options_.points, nominal_.validation_rest);
 }
@@ -368,8 +386,10 @@ Result<Motion> TruthBody::solve(const Scenario& s, std::size_t first, std::size_
     // Patches may overlap and CalculiX wants one curve a node and axis: forces are summed per node.
     std::map<std::int32_t, std::vector<Point>> node_force;  // [frame - first]
     const auto add_patch = [&](const PatchLoad& patch, const auto& force) {
-        for (const auto& [node, share] :
-             patch_weights(mesh.corners(), mesh.surface(), &mesh, patch.centre_m, patch.radius_m)) {
+        const auto shares = patch.at.empty()
+                                ? patch_weights(mesh.corners(), mesh.surface(), &mesh, patch.centre_m, patch.radius_m)
+                                : point_weights(mesh, patch.at);
+        for (const auto& [node, share] : shares) {
             auto& total = node_force.try_emplace(node, frames).first->second;
             for (std::size_t k = 0; k < frames; ++k) total[k] = plus(total[k], times(share, force(first + k)));
         }
@@ -403,7 +423,7 @@ Result<Motion> TruthBody::solve(const Scenario& s, std::size_t first, std::size_
                 continue;
             }
             const Point& p = mesh.nodes()[static_cast<std::size_t>(node)];
-            calculix::LineSpring line{node, plus(p, times(bed.line_m, shape_.normal(p))), {}};
+            calculix::LineSpring line{node, plus(p, times(bed.line_m, shape_->normal(p))), {}};
             for (const auto& [elongation, stress] : bed.elongation_stress)
                 line.elongation_force.emplace_back(elongation, stress * area);
             r.line_springs.push_back(std::move(line));
@@ -414,7 +434,11 @@ Result<Motion> TruthBody::solve(const Scenario& s, std::size_t first, std::size_
 
     std::vector<QuadraticPoint> samples;
     for (const auto* rest : {&nominal_.markers, &nominal_.validation_rest})
-        for (const MarkerRest& m : *rest) samples.push_back(in_body(mesh, m.position_m));
+        for (const MarkerRest& m : *rest) {
+            samples.push_back(in_body(mesh, m.position_m));
+            // the truth's mesh has a surface of its own
+            if (samples.back().weights.empty() && options_.given) samples.back() = on_surface(mesh, m.position_m);
+        }
     for (const QuadraticPoint& sample : samples) {
         if (sample.weights.empty()) return not_usable("a marker or point lies outside the truth's mesh");
         for (const auto& [node, weight] : sample.weights) r.output_nodes.push_back(node);

@@ -1,9 +1,11 @@
-// One random patient: shape, true ligament and law, what the modeller believes, loads, markers, and the recording that
-// CalculiX makes of it under a scenario. All cases of one draw share it; the scenario is what an effect changes.
+// One patient, drawn at random or about a given case: shape, true ligament and law, what the modeller believes, loads,
+// markers, and the recording that CalculiX makes of it under a scenario. All cases of one draw share it; the scenario
+// is what an effect changes.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
@@ -11,7 +13,7 @@
 #include "core/case/case.h"
 #include "core/result.h"
 #include "tools/blindtest/band.h"
-#include "tools/blindtest/liver_shape.h"
+#include "tools/blindtest/body_shape.h"
 #include "tools/blindtest/random.h"
 #include "tools/blindtest/truth_mesh.h"
 #include "tools/calculix/recording.h"
@@ -30,7 +32,8 @@ struct Motion {
 struct PatchLoad {
     Point centre_m{};
     double radius_m = 0.0;
-    std::vector<Point> force_n;  ///< per frame
+    std::vector<Point> force_n;                  ///< per frame
+    std::vector<std::pair<Point, double>> at{};  ///< places and shares of the force; empty: a smooth patch
 };
 
 /// Springs over facets: to the ground along the axes, or along a line with a law of its own.
@@ -72,17 +75,24 @@ struct BodyOptions {
     /// About. Edges of 20 mm (quadratic) and 12 mm: the bands are 24 to 32 mm wide.
     double truth_tets = 800.0, case_tets = 2200.0;
     int frames = 36, markers = 14, points = 30;
+    /// A case whose mesh, loads, sensor, markers and prior are kept; law, modulus and place of the true ligament within
+    /// the prior and the law of the true body are drawn. Null: everything is drawn. See check_given().
+    std::shared_ptr<const Case> given;
 };
+
+/// Whether blind cases can be made of a given body. Errors (kInvalidInput): tools or springs, weight, a camera that is
+/// late or not placed, neither ligament nor clamp, no loads.
+Status check_given(const Case& given);
 
 class TruthBody {
   public:
-    /// Draws the patient and scales its loads (one linear solution). Errors: of CalculiX.
+    /// Draws the patient and scales its loads (one linear solution). Errors: of CalculiX; of check_given().
     static Result<TruthBody> make(const BodyOptions& options, const std::filesystem::path& scratch);
 
     const Case& nominal() const { return nominal_; }  ///< the case folder's content without observations
     const BodyOptions& options() const { return options_; }
     const TruthMesh& mesh() const { return mesh_; }
-    const LiverShape& shape() const { return shape_; }
+    const BodyShape& shape() const { return *shape_; }
     const Scenario& control() const { return control_; }
     const Band& true_band() const { return true_band_; }
     const Facets& clamp() const { return clamp_; }
@@ -94,7 +104,7 @@ class TruthBody {
     Facets facets(Wanted wanted) const {
         Facets chosen;
         for (std::size_t t = 0; t < mesh_.surface().triangles().size(); ++t)
-            if (const Point c = mesh_.centroid(t); wanted(c, shape_.normal(c))) chosen.push_back(c);
+            if (const Point c = mesh_.centroid(t); wanted(c, shape_->normal(c))) chosen.push_back(c);
         return chosen;
     }
     /// Facets of a band in the order of its arc.
@@ -108,7 +118,10 @@ class TruthBody {
     Result<double> linear_rms(Scenario scenario, std::size_t frame, const std::filesystem::path& scratch) const;
 
   private:
-    TruthBody(const BodyOptions& options, Random random);
+    TruthBody(const BodyOptions& options, std::shared_ptr<const BodyShape> shape, Random& random);
+    void draw(Random& random);
+    Status take(const Case& given, const MeshShape& shape, Random& random);
+    Facets draw_attachment(const Case& given, const MeshShape& shape, Random& random) const;
     void place_loads(Random& random);
     void place_samples(Random& random);
     void believe(Random& random);
@@ -117,7 +130,7 @@ class TruthBody {
                          bool linear, const std::filesystem::path& scratch) const;
 
     BodyOptions options_;
-    LiverShape shape_;
+    std::shared_ptr<const BodyShape> shape_;
     Band true_band_, prior_band_;
     TruthMesh mesh_;
     Facets clamp_;
@@ -126,5 +139,8 @@ class TruthBody {
     Scenario control_;
     Case nominal_;
 };
+
+/// A hyperelastic law with this small-strain behaviour; none is the modeller's own form.
+calculix::CalculixMaterial draw_law(double youngs_modulus_pa, double poissons_ratio, Random& random);
 
 }  // namespace teres::blindtest

@@ -185,6 +185,23 @@ QuadraticPoint in_body(const TruthMesh& mesh, const Point& p) {
     return point;
 }
 
+QuadraticPoint on_surface(const TruthMesh& mesh, const Point& p) {
+    const SurfacePoint at_p = mesh.surface().closest(p);
+    const auto nodes = mesh.face_nodes(at(at_p.triangle));
+    const auto shape = face_shape(at_p.barycentric);
+    QuadraticPoint point;
+    for (std::size_t k = 0; k < 6; ++k) point.weights.emplace_back(nodes[k], shape[k]);
+    return point;
+}
+
+std::vector<std::pair<std::int32_t, double>> point_weights(const TruthMesh& mesh,
+                                                           std::span<const std::pair<Point, double>> points) {
+    std::map<std::int32_t, double> shares;
+    for (const auto& [p, share] : points)
+        for (const auto& [node, weight] : on_surface(mesh, p).weights) shares[node] += share * weight;
+    return {shares.begin(), shares.end()};
+}
+
 std::vector<std::pair<std::int32_t, double>> patch_weights(const TetMeshData& mesh, const Surface& surface,
                                                            const TruthMesh* quadratic, const Point& centre_m,
                                                            double radius_m) {

@@ -61,6 +61,12 @@ struct QuadraticPoint {
 /// Empty if the point lies in no tetrahedron (barycentric coordinates above -1e-6).
 QuadraticPoint in_body(const TruthMesh& mesh, const Point& p);
 
+/// The point of the surface that is closest to p.
+QuadraticPoint on_surface(const TruthMesh& mesh, const Point& p);
+/// Nodal shares of forces at points near the surface; sum that of the points' shares.
+std::vector<std::pair<std::int32_t, double>> point_weights(const TruthMesh& mesh,
+                                                           std::span<const std::pair<Point, double>> points);
+
 /// Consistent nodal shares of the traction (1 - d^2/R^2)^2 about `centre` on the surface; sum 1,
 /// empty where the patch misses the surface.
 /// `quadratic`: on the six-node faces, else on the corners.
