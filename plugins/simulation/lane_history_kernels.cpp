@@ -40,7 +40,6 @@ inline void add_combination(const float* const* v, const float* c, std::size_t c
 template <class Body>
 inline void for_packs(std::size_t stride, const Body& body) {
     std::size_t l = 0;
-    for (; l + 16 <= stride; l += 16) body(l, LanePack<float, 16>{});
     for (; l + 8 <= stride; l += 8) body(l, LanePack<float, 8>{});
     for (; l + 4 <= stride; l += 4) body(l, LanePack<float, 4>{});
 }

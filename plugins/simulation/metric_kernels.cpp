@@ -9,44 +9,81 @@ namespace {
 
 using Panel = MetricSolver::Panel;
 
+// kCount packs side by side. A wider pack than the machine's registers would be split by the compiler, in memory.
+template <class P, int kCount>
+struct Lanes {
+    P part[kCount];
+};
+
+template <class P, int kCount>
+inline Lanes<P, kCount> load_lanes(const float* from) {
+    constexpr std::size_t kEach = sizeof(P) / sizeof(float);
+    Lanes<P, kCount> v;
+    for (int c = 0; c < kCount; ++c) v.part[c] = load_pack<P>(from + static_cast<std::size_t>(c) * kEach);
+    return v;
+}
+template <class P, int kCount>
+inline void store_lanes(float* to, const Lanes<P, kCount>& v) {
+    constexpr std::size_t kEach = sizeof(P) / sizeof(float);
+    for (int c = 0; c < kCount; ++c) store_pack(to + static_cast<std::size_t>(c) * kEach, v.part[c]);
+}
+template <class P, int kCount>
+inline void subtract_scaled(Lanes<P, kCount>& from, float factor, const Lanes<P, kCount>& v) {
+    for (int c = 0; c < kCount; ++c) from.part[c] -= factor * v.part[c];
+}
+template <class P, int kCount>
+inline Lanes<P, kCount> scaled(float factor, Lanes<P, kCount> v) {
+    for (int c = 0; c < kCount; ++c) v.part[c] *= factor;
+    return v;
+}
+
 // Triangle: row j of the panel holds L(j, 0..j-1) and 1 / L(j, j).
-template <int kWidth, class P>
+template <int kWidth, class P, int kCount>
 inline void lower(const Panel& p, const std::int32_t* rows, const float* values, float* y, std::size_t stride) {
-    P x[kWidth];
+    Lanes<P, kCount> x[kWidth];
     float* own = y + static_cast<std::size_t>(p.first_row) * stride;
     const float* L = values + p.triangle;
     for (int j = 0; j < kWidth; ++j) {
-        P v = load_pack<P>(own + static_cast<std::size_t>(j) * stride);
-        for (int i = 0; i < j; ++i) v -= L[j * kWidth + i] * x[i];
-        x[j] = v * L[j * kWidth + j];
-        store_pack(own + static_cast<std::size_t>(j) * stride, x[j]);
+        auto v = load_lanes<P, kCount>(own + static_cast<std::size_t>(j) * stride);
+        for (int i = 0; i < j; ++i) subtract_scaled(v, L[j * kWidth + i], x[i]);
+        x[j] = scaled(L[j * kWidth + j], v);
+        store_lanes(own + static_cast<std::size_t>(j) * stride, x[j]);
     }
     const float* B = values + p.rectangle;
     const std::int32_t* below = rows + p.below;
     for (int r = 0; r < p.num_below; ++r, B += kWidth) {
         float* at = y + static_cast<std::size_t>(below[r]) * stride;
-        P even = load_pack<P>(at), odd{};
-        for (int j = 0; j < kWidth; ++j) (j % 2 == 0 ? even : odd) -= B[j] * x[j];
-        store_pack(at, even + odd);
+        auto even = load_lanes<P, kCount>(at);
+        Lanes<P, kCount> odd{};
+        for (int j = 0; j < kWidth; ++j) subtract_scaled(j % 2 == 0 ? even : odd, B[j], x[j]);
+        for (int c = 0; c < kCount; ++c) even.part[c] += odd.part[c];
+        store_lanes(at, even);
     }
 }
 
-template <int kWidth, class P>
+// So many columns at a time that their sums fit the registers.
+template <int kWidth, class P, int kCount>
 inline void upper(const Panel& p, const std::int32_t* rows, const float* values, float* y, std::size_t stride) {
-    P x[kWidth]{};
-    const float* B = values + p.rectangle;
+    constexpr int kPart = kWidth * kCount > 12 ? kWidth / 2 : kWidth;
+    Lanes<P, kCount> x[kWidth];
     const std::int32_t* below = rows + p.below;
-    for (int r = 0; r < p.num_below; ++r, B += kWidth) {
-        const P v = load_pack<P>(y + static_cast<std::size_t>(below[r]) * stride);
-        for (int j = 0; j < kWidth; ++j) x[j] -= B[j] * v;
+    for (int first = 0; first < kWidth; first += kPart) {
+        Lanes<P, kCount> sum[kPart]{};
+        const float* B = values + p.rectangle + first;
+        for (int r = 0; r < p.num_below; ++r, B += kWidth) {
+            const auto v = load_lanes<P, kCount>(y + static_cast<std::size_t>(below[r]) * stride);
+            for (int j = 0; j < kPart; ++j) subtract_scaled(sum[j], B[j], v);
+        }
+        for (int j = 0; j < kPart; ++j) x[first + j] = sum[j];
     }
     float* own = y + static_cast<std::size_t>(p.first_row) * stride;
     const float* L = values + p.triangle;
     for (int j = kWidth - 1; j >= 0; --j) {
-        P v = load_pack<P>(own + static_cast<std::size_t>(j) * stride) + x[j];
-        for (int i = j + 1; i < kWidth; ++i) v -= L[i * kWidth + j] * x[i];
-        x[j] = v * L[j * kWidth + j];
-        store_pack(own + static_cast<std::size_t>(j) * stride, x[j]);
+        auto v = load_lanes<P, kCount>(own + static_cast<std::size_t>(j) * stride);
+        for (int c = 0; c < kCount; ++c) v.part[c] += x[j].part[c];
+        for (int i = j + 1; i < kWidth; ++i) subtract_scaled(v, L[i * kWidth + j], x[i]);
+        x[j] = scaled(L[j * kWidth + j], v);
+        store_lanes(own + static_cast<std::size_t>(j) * stride, x[j]);
     }
 }
 
@@ -144,8 +181,8 @@ inline void with_width(std::int32_t width, const Work& work) {
     }
 }
 
-// P: a pack of lanes, or float for one alone.
-template <class P>
+// P: a pack of lanes, kCount of them side by side; or float for one lane alone.
+template <class P, int kCount = 1>
 inline void lower_all(const std::vector<Panel>& panels, const std::int32_t* rows, const float* values, float* y,
                       std::size_t stride) {
     for (const auto& p : panels)
@@ -153,11 +190,11 @@ inline void lower_all(const std::vector<Panel>& panels, const std::int32_t* rows
             if constexpr (std::is_same_v<P, float>)
                 lower_one<width()>(p, rows, values, y, stride);
             else
-                lower<width(), P>(p, rows, values, y, stride);
+                lower<width(), P, kCount>(p, rows, values, y, stride);
         });
 }
 
-template <class P>
+template <class P, int kCount = 1>
 inline void upper_all(const std::vector<Panel>& panels, const std::int32_t* rows, const float* values, float* y,
                       std::size_t stride) {
     for (std::size_t k = panels.size(); k-- > 0;)
@@ -165,7 +202,7 @@ inline void upper_all(const std::vector<Panel>& panels, const std::int32_t* rows
             if constexpr (std::is_same_v<P, float>)
                 upper_one<width()>(panels[k], rows, values, y, stride);
             else
-                upper<width(), P>(panels[k], rows, values, y, stride);
+                upper<width(), P, kCount>(panels[k], rows, values, y, stride);
         });
 }
 
@@ -193,7 +230,7 @@ void solve_lower(const std::vector<Panel>& panels, const std::int32_t* rows, con
     if (lanes == 1) return lower_all<float>(panels, rows, values, y + first_lane, stride);
     std::size_t l = first_lane;
     const std::size_t last = first_lane + lanes;
-    for (; l + 16 <= last; l += 16) lower_all<LanePack<float, 16>>(panels, rows, values, y + l, stride);
+    for (; l + 16 <= last; l += 16) lower_all<LanePack<float, 8>, 2>(panels, rows, values, y + l, stride);
     for (; l + 8 <= last; l += 8) lower_all<LanePack<float, 8>>(panels, rows, values, y + l, stride);
     for (; l + 4 <= last; l += 4) lower_all<LanePack<float, 4>>(panels, rows, values, y + l, stride);
 }
@@ -204,7 +241,7 @@ void solve_upper(const std::vector<Panel>& panels, const std::int32_t* rows, con
     if (lanes == 1) return upper_all<float>(panels, rows, values, y + first_lane, stride);
     std::size_t l = first_lane;
     const std::size_t last = first_lane + lanes;
-    for (; l + 16 <= last; l += 16) upper_all<LanePack<float, 16>>(panels, rows, values, y + l, stride);
+    for (; l + 16 <= last; l += 16) upper_all<LanePack<float, 8>, 2>(panels, rows, values, y + l, stride);
     for (; l + 8 <= last; l += 8) upper_all<LanePack<float, 8>>(panels, rows, values, y + l, stride);
     for (; l + 4 <= last; l += 4) upper_all<LanePack<float, 4>>(panels, rows, values, y + l, stride);
 }
@@ -213,8 +250,6 @@ TERES_MULTIVERSION
 void subtract_product(const float* W, const float* c, float* y, std::size_t first, std::size_t last, std::size_t modes,
                       std::size_t W_stride, std::size_t stride) noexcept {
     std::size_t l = 0;
-    for (; l + 16 <= stride; l += 16)
-        subtract<LanePack<float, 16>>(W, c + l, y + l, first, last, modes, W_stride, stride);
     for (; l + 8 <= stride; l += 8) subtract<LanePack<float, 8>>(W, c + l, y + l, first, last, modes, W_stride, stride);
     for (; l + 4 <= stride; l += 4) subtract<LanePack<float, 4>>(W, c + l, y + l, first, last, modes, W_stride, stride);
 }

@@ -145,7 +145,7 @@ void BM_Metric(benchmark::State& state) {
 }
 BENCHMARK(BM_Metric)
     ->ArgNames({"lanes", "threads"})
-    ->ArgsProduct({{1, 4, 8, 9}, {1, 2}})
+    ->ArgsProduct({{1, 4, 8, 9, 16}, {1, 2}})
     ->UseRealTime()
     ->Unit(benchmark::kMillisecond);
 
