@@ -12,6 +12,8 @@ namespace {
 constexpr int kAttempts = 3;
 constexpr int kShapeRounds = 3;    // of moved onsets and windows, and everything fitted again
 constexpr double kImproved = 0.8;  // of the cost: worth another round
+constexpr int kSettleRounds = 3;
+constexpr double kSettled = 0.95;  // of what was left: no further round
 constexpr double kFarOff = 2.0;    // times the misfit without the effect: no start
 constexpr double kFarTheta = 1.5;  // prior standard deviations from the prior at which a refit starts at most
 
@@ -148,6 +150,19 @@ Cause fitted_from(Problem& problem, const Fit& nominal, Cause cause, const Assum
     if (cause.fit.usable) take_noise(problem, cause.fit);
     score(problem, nominal, nullptr, cause);
     return cause;
+}
+
+void settle(Problem& problem, Cause& cause, int iterations) {
+    for (int round = 0; round < (problem.simulator.mechanics().dynamic() ? 1 : kSettleRounds); ++round) {
+        const double before = cause.fit.residual.squaredNorm();
+        Fit better = fit_from_whole(problem, cause.fit.at, iterations);
+        if (!better.usable || better.misfit >= before) return;
+        const bool settled = better.misfit > kSettled * before;
+        cause.fit = std::move(better);
+        problem.look_ahead(cause.fit);
+        take_noise(problem, cause.fit);
+        if (settled) return;
+    }
 }
 
 void keep_better(std::vector<Cause>& causes, Cause cause) {

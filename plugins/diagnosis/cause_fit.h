@@ -25,6 +25,10 @@ Fit fit_from_whole(Problem& problem, const Assumption& start, int iterations);
 /// A cause (its effects and their search cost) fitted and scored from given values.
 Cause fitted_from(Problem& problem, const Fit& nominal, Cause cause, const Assumption& start, int iterations);
 
+/// Fits on from where the cause is until little is gained: not settled, what is left of its own would be explained by
+/// whatever is added to it. Scored by the caller.
+void settle(Problem& problem, Cause& cause, int iterations);
+
 /// Fills score and explained. `base`: what the cause was searched on top of, or null.
 void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause);
 

@@ -13,8 +13,6 @@ namespace teres {
 namespace {
 
 constexpr std::size_t kPolished = 2;
-constexpr int kPolishRounds = 3;
-constexpr double kSettled = 0.95;  // of what was left: no further round
 constexpr int kIterations = 8, kFurtherIterations = 6;  // of a refit
 constexpr double kOutOfReach = 15.0;    // nats between a fitted cause and the screening of one that need not be fitted
 constexpr double kMost = 0.9;           // explained: the search need not go on
@@ -220,6 +218,22 @@ void try_other_places(Problem& problem, const Fit& nominal, const Base* base, co
     score(problem, nominal, base, cause);
 }
 
+// The next best fitted cause of `size` effects whose last has a place: one that stayed in a far hollow may be the
+// better answer. Null where the best cause leaves no more than noise and model error explain, or has a place itself.
+Cause* placed_rival(const Problem& problem, const Screening& screening, std::size_t size, std::vector<Cause>& causes) {
+    const auto has_places = [&](const Cause& cause) {
+        return std::any_of(screening.effects.begin(), screening.effects.end(), [&](const EffectScreening& e) {
+            return e.entry == cause.entries.back() && !e.places.empty();
+        });
+    };
+    const Cause& best = causes.front();
+    if (!best.fit.usable || best.fit.compared_cost() < problem.floor.total() || has_places(best)) return nullptr;
+    const auto rival = std::find_if(causes.begin() + 1, causes.end(), [&](const Cause& c) {
+        return c.fit.usable && c.entries.size() == size && has_places(c);
+    });
+    return rival != causes.end() && rival->score > best.score - kOutOfReach ? &*rival : nullptr;
+}
+
 // The best cause from other places as well; the best few fitted to the end.
 void finish(Problem& problem, const Fit& nominal, const Base* base, const Screening& screening,
             std::vector<Cause>& causes) {
@@ -227,7 +241,11 @@ void finish(Problem& problem, const Fit& nominal, const Base* base, const Screen
     const auto report = stage(problem.options, "finishing the best");
     report(0.0);
     sort_by_score(causes);
-    if (!causes.empty()) try_other_places(problem, nominal, base, screening, causes.front());
+    if (!causes.empty()) {
+        Cause* rival = placed_rival(problem, screening, size, causes);
+        try_other_places(problem, nominal, base, screening, rival != nullptr ? *rival : causes.front());
+        sort_by_score(causes);
+    }
     report(0.5);
     std::size_t polished = 0;
     while (polished < std::min(kPolished, causes.size()) && causes[polished].score > causes.front().score - kOutOfReach)
@@ -235,17 +253,7 @@ void finish(Problem& problem, const Fit& nominal, const Base* base, const Screen
     side_by_side(problem, polished, [&](Problem& p, std::size_t k) {
         Cause& cause = causes[k];
         if (!cause.fit.usable || cause.entries.size() != size) return;  // others were finished before
-        // Not settled, what is left of its own would be explained by whatever is added to it.
-        for (int round = 0; round < (p.simulator.mechanics().dynamic() ? 1 : kPolishRounds); ++round) {
-            const double before = cause.fit.residual.squaredNorm();
-            Fit better = fit_from_whole(p, cause.fit.at, kFurtherIterations);
-            if (!better.usable || better.misfit >= before) break;
-            const bool settled = better.misfit > kSettled * before;
-            cause.fit = std::move(better);
-            p.look_ahead(cause.fit);
-            take_noise(p, cause.fit);
-            if (settled) break;
-        }
+        settle(p, cause, kFurtherIterations);
         score(p, nominal, base, cause);
     });
     report(1.0);
