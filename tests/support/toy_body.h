@@ -40,7 +40,9 @@ class ToyBody final : public TrajectoryModel {
             case kGravity:
                 return {"gravity", "load", "constant", "tilt", "test", nullptr, 3, 1, false};
             case kUnknownLoad:
-                return {"unknown_load", "load", "unknown_load", "another tool", "test", nullptr, 6, 36, true};
+                return {"unknown_load",        "load", "unknown_load",
+                        "another tool",        "test", nullptr,
+                        gives_way() ? 7U : 6U, 36,     true};
             case kMaterialLaw:
                 return {"material_law", "mechanics", "load response", "law", "test", nullptr, 1, 1, false};
             default:
@@ -56,6 +58,7 @@ class ToyBody final : public TrajectoryModel {
         if (e == kCut) return {"cut", "1", amplitude, plain, 0.0, 0.0, 1.0, 0.0, 1.0};
         static constexpr const char* kNames[] = {"force_x", "force_y", "force_z", "center_x", "center_y", "onset"};
         if (e == kGravity || p < 3) return {kNames[p], "N", amplitude, plain, 0.0, 0.0, 0.4, -10.0, 10.0};
+        if (p == 6) return {"center_z", "m", shape, plain, 0.0, 0.0, 0.01, -0.01, 0.01};
         if (p < 5) return {kNames[p], "m", shape, plain, 0.0, 0.06, 0.05, -0.05, 0.2};
         return {kNames[p], "s", shape, plain, 0.0, 6.0, 12.0, 0.0, 12.0};
     }
@@ -69,6 +72,7 @@ class ToyBody final : public TrajectoryModel {
             v[3] = 0.06 * static_cast<double>(c % 3);
             v[4] = 0.05 * static_cast<double>(c / 3 % 3);
             v[5] = 3.0 * static_cast<double>(c / 9);
+            if (gives_way()) v[6] = 0.0;
         }
     }
 
@@ -133,8 +137,10 @@ class ToyBody final : public TrajectoryModel {
                 }
                 u += g * (x.x() + 0.02) / (4.0 * scale * kToyE * 0.1);
                 if (t >= onset) {
-                    const double near = std::exp(-((x.x() - cx) * (x.x() - cx) + (x.y() - cy) * (x.y() - cy)) /
-                                                 (kToyWidth * kToyWidth));
+                    const bool corner = gives_way() && std::hypot(cx, cy) < 0.03;
+                    const double dx = x.x() - (corner ? pulled_at[0] : cx), dy = x.y() - (corner ? pulled_at[1] : cy);
+                    double near = std::exp(-(dx * dx + dy * dy) / (kToyWidth * kToyWidth));
+                    if (corner) near *= gives_way_n / (gives_way_n + F.norm());
                     u += F * near / (scale * kToyE);
                     if (F.norm() > holds_up_to_n) u -= Eigen::Vector3d::Constant(0.05);
                 }
@@ -218,7 +224,12 @@ class ToyBody final : public TrajectoryModel {
     std::int32_t snaps_at = -1;  ///< frame at which a variant finds another equilibrium, 50 mm away along each axis
     std::int32_t fails_at = -1;  ///< frame at which no variant converges
 
-    double holds_up_to_n = 1e9;   ///< a stronger unknown load ends in another equilibrium, 50 mm back along each axis
+    double holds_up_to_n = 1e9;  ///< a stronger unknown load ends in another equilibrium, 50 mm back along each axis
+    /// An unknown load (which has a seventh parameter then, z) at the corner of the plate pulls here instead, and gives
+    /// way beyond about such a force: the best place by first order, from which no fit leads away.
+    std::array<double, 2> pulled_at{};
+    double gives_way_n = 1e9;
+    bool gives_way() const { return gives_way_n < 1e9; }
     double other_branch_m = 0.0;  ///< how far off approximate() ends about a solution of other supports
     bool converges = true;
     int simulations = 0;
