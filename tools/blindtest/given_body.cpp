@@ -1,9 +1,11 @@
 // A patient about a given case: what the modeller believes is the case, what is true is drawn within it.
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <map>
 
 #include "core/case/geometry.h"
+#include "core/case/load_tracks.h"
 #include "tools/blindtest/truth_body.h"
 
 namespace teres::blindtest {
@@ -12,28 +14,14 @@ namespace {
 constexpr double kShift = 0.004;          // [m] of the attachment against the prior, at most, per axis
 constexpr std::size_t kFewestFacets = 4;  // of an attachment
 
-// Linear between the samples of one region, constant beyond them.
-Point force_at(const std::vector<const LoadSample*>& samples, double t_s) {
-    const auto later = std::find_if(samples.begin(), samples.end(), [&](const LoadSample* l) { return l->t_s >= t_s; });
-    if (later == samples.end()) return samples.back()->force_n;
-    if (later == samples.begin()) return samples.front()->force_n;
-    const LoadSample &a = **(later - 1), &b = **later;
-    const double u = (t_s - a.t_s) / (b.t_s - a.t_s);
-    return plus(times(1.0 - u, a.force_n), times(u, b.force_n));
-}
-
-// The direction in which points spread most (power iteration on their second moments).
+// The direction in which points spread most, towards +y, so that the same points always give the same.
 Point principal_direction(const Facets& points) {
-    Point mean{};
-    for (const Point& p : points) mean = plus(mean, times(1.0 / static_cast<double>(points.size()), p));
-    Point axis{0.3, 0.9, 0.3};
-    for (int i = 0; i < 60; ++i) {
-        Point next{};
-        for (const Point& p : points) next = plus(next, times(dot(minus(p, mean), axis), minus(p, mean)));
-        if (norm(next) == 0.0) break;
-        axis = times(1.0 / norm(next), next);
-    }
-    return axis;
+    if (points.empty()) return {0.0, 1.0, 0.0};
+    const Eigen::Map<const Eigen::Matrix3Xd> at(points.front().data(), 3, static_cast<Eigen::Index>(points.size()));
+    const Eigen::Matrix3Xd about = at.colwise() - at.rowwise().mean();
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> spread(about * about.transpose());  // ascending
+    const Eigen::Vector3d axis = spread.eigenvectors().col(2) * (spread.eigenvectors()(1, 2) < 0.0 ? -1.0 : 1.0);
+    return {axis.x(), axis.y(), axis.z()};
 }
 
 }  // namespace
@@ -112,8 +100,7 @@ Status TruthBody::take(const Case& given, const MeshShape& shape, Random& random
     if (!given.clamped.empty() && clamp_.empty()) return not_usable("the clamp covers no facet of the truth");
 
     control_.forces_n.assign(num_frames(), std::vector<Point>(given.load_regions.size()));
-    for (std::size_t r = 0; r < given.load_regions.size(); ++r) {
-        const LoadRegion& region = given.load_regions[r];
+    for (const LoadRegion& region : given.load_regions) {
         PatchLoad patch;
         for (std::size_t i = 0; i < region.node_ids.size(); ++i) {
             const Point& p = given.mesh.nodes[static_cast<std::size_t>(region.node_ids[i])];
@@ -123,11 +110,13 @@ Status TruthBody::take(const Case& given, const MeshShape& shape, Random& random
         for (const auto& [p, share] : patch.at) patch.radius_m = std::max(patch.radius_m, distance(p, patch.centre_m));
         patch.centre_m = mesh_.surface().closest(patch.centre_m).position_m;
         regions_.push_back(std::move(patch));
-        std::vector<const LoadSample*> samples;
-        for (const LoadSample& load : given.loads)
-            if (load.region == static_cast<std::int32_t>(r)) samples.push_back(&load);
-        for (std::size_t k = 0; k < num_frames() && !samples.empty(); ++k)
-            control_.forces_n[k][r] = force_at(samples, time_s(k));
+    }
+    const LoadTracks tracks(given);
+    tool_loads_t loads;
+    for (std::size_t k = 0; k < num_frames(); ++k) {
+        tracks.at(time_s(k), loads);
+        for (std::size_t r = 0; r < regions_.size(); ++r)
+            control_.forces_n[k][r] = {loads.fx_n[r], loads.fy_n[r], loads.fz_n[r]};
     }
     if (nominal_.markers.empty() || nominal_.validation_rest.empty()) place_samples(random);
     return {};

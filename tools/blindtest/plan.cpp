@@ -17,6 +17,13 @@ bool can_show(const std::optional<PlanOptions::Given>& given, const EffectKind& 
            (!of_ligament || given->ligament);
 }
 
+// All cases of a given body are of the one patient.
+void set_patient(const PlanOptions::Given& given, CaseSpec& spec) {
+    spec.draw = 0;
+    spec.clamped = given.clamped;
+    spec.dynamic = given.dynamic;
+}
+
 // A draw holds every effect once and three controls: both kinds of support and a dynamic one.
 std::vector<CaseSpec> cases_of_draw(const PlanOptions& options, std::uint64_t draw) {
     Random random(options.seed, {draw, 991});
@@ -42,11 +49,7 @@ std::vector<CaseSpec> cases_of_draw(const PlanOptions& options, std::uint64_t dr
             spec.dynamic = kind.needs_dynamics;
             spec.clamped = clamped || kind.needs_clamp || kind.needs_dynamics;
         }
-        if (options.given) {
-            spec.draw = 0;
-            spec.clamped = options.given->clamped;
-            spec.dynamic = options.given->dynamic;
-        }
+        if (options.given) set_patient(*options.given, spec);
         cases.push_back(std::move(spec));
     }
     random.shuffle(cases);
@@ -68,11 +71,7 @@ CaseSpec two_cause_case(const PlanOptions& options, int number) {
         if (!options.given && (a.needs_dynamics || b.needs_dynamics)) continue;
         CaseSpec spec{"", static_cast<std::uint64_t>(number), {a.id, b.id}, random.chance(0.5), false};
         spec.clamped = spec.clamped || a.needs_clamp || b.needs_clamp;
-        if (options.given) {
-            spec.draw = 0;
-            spec.clamped = options.given->clamped;
-            spec.dynamic = options.given->dynamic;
-        }
+        if (options.given) set_patient(*options.given, spec);
         return spec;
     }
 }
