@@ -141,7 +141,7 @@ bool EquilibriumSolver::factorise(const ExternalActions& actions, const Batch& b
             !w.metric->factorise(system_.team(), report.factorisations))
             return false;
         w.history.start(stride, MetricSolver::lane_stride(lanes));
-        w.metric->correction().set_lanes(theta, stride, lanes, system_.team());
+        w.metric->set_lanes(theta, x, stride, lanes);
         return true;
     });
 }
@@ -213,7 +213,7 @@ void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& bat
         running += static_cast<std::size_t>(w.active[l]);
     }
     if (running > 0 && w.metric->usable() && !w.stale)
-        timed(times_.correction, [&] { w.metric->correction().set_lanes(theta, stride, lanes, system_.team()); });
+        timed(times_.correction, [&] { w.metric->set_lanes(theta, x, stride, lanes); });
     if (running > 0 && (!w.metric->usable() || w.stale) && !factorise(actions, batch, report)) return;
 
     bool refactorised = report.factorisations > before;
@@ -226,10 +226,8 @@ void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& bat
         }
         timed(times_.history, [&] { w.history.begin(w.gradient.data()); });
         while (!w.active[w.open_lanes - 1]) --w.open_lanes;  // what comes after the last open lane rests
-        timed(times_.metric,
-              [&] { w.metric->solver().solve(w.history.direction(), lanes, w.open_lanes, system_.team()); });
-        timed(times_.correction,
-              [&] { w.metric->correction().apply(w.history.direction(), lanes, w.open_lanes, system_.team()); });
+        timed(times_.metric, [&] { w.metric->solve(w.history.direction(), lanes, w.open_lanes); });
+        timed(times_.correction, [&] { w.metric->correct(w.history.direction(), lanes, w.open_lanes); });
         for (std::size_t l = 0; l < stride; ++l) w.step[l] = w.active[l] ? 1.0 : 0.0;
         timed(times_.history,
               [&] { w.history.finish(w.gradient.data(), x, w.step.data(), w.trial.data(), w.slope.data()); });

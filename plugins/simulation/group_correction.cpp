@@ -54,6 +54,7 @@ GroupCorrection::GroupCorrection(const std::vector<Tether>& tethers, std::size_t
 void GroupCorrection::read(const std::vector<Tether>& tethers, const double* theta0, const Positions& x) noexcept {
     if (modes_ == 0) return;
     const auto modes = static_cast<std::size_t>(modes_), stride = MetricSolver::lane_stride(modes);
+    renewed_ = false;
     std::fill(W_.begin(), W_.end(), 0.0f);
     for (std::size_t p = 0; p < theta0_.size(); ++p) theta0_[p] = theta0[p];
     for (auto& group : groups_) {
@@ -94,6 +95,7 @@ void GroupCorrection::read(const std::vector<Tether>& tethers, const double* the
 void GroupCorrection::renew(MetricSolver& metric, TaskTeam& team) noexcept {
     if (modes_ == 0) return;
     const auto modes = static_cast<std::size_t>(modes_), stride = MetricSolver::lane_stride(modes);
+    renewed_ = true;
     metric.solve(W_.data(), modes, team);  // W held U
     UtW_.setZero();
     for (const auto& group : groups_)
@@ -103,12 +105,14 @@ void GroupCorrection::renew(MetricSolver& metric, TaskTeam& team) noexcept {
                 Eigen::Map<const Eigen::RowVectorXf>(&W_[static_cast<std::size_t>(group.row[i]) * stride], modes_);
 }
 
-void GroupCorrection::set_lanes(const double* theta, std::size_t stride, std::size_t lanes, TaskTeam& team) noexcept {
+void GroupCorrection::set_lanes(const double* theta, std::size_t stride, std::size_t lanes, MetricSolver& metric,
+                                TaskTeam& team) noexcept {
     active_ = false;
     for (const auto& group : groups_)
         for (std::size_t l = 0; l < lanes; ++l)
             active_ = active_ || theta[group.parameter * stride + l] != theta0_[group.parameter];
     if (!active_) return;
+    if (!renewed_) renew(metric, team);
     team.split(lanes, [&](int, std::size_t first, std::size_t last) {
         for (std::size_t l = first; l < last; ++l) {
             auto& lane = lane_[l];

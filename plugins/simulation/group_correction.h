@@ -30,10 +30,12 @@ class GroupCorrection {
 
     /// [loop] The tethers where K0 is made: state x, parameters theta0 (one lane).
     void read(const std::vector<Tether>& tethers, const double* theta0, const Positions& x) noexcept;
-    /// [loop] After K0 was factorised there.
+    /// [loop] After K0 was factorised there. Needed by lanes whose parameters are not theta0.
     void renew(MetricSolver& metric, TaskTeam& team) noexcept;
-    /// [loop] Prepares the lanes of one solve; theta: parameter p of lane l at p * stride + l.
-    void set_lanes(const double* theta, std::size_t stride, std::size_t lanes, TaskTeam& team) noexcept;
+    /// [loop] Prepares the lanes of one solve; theta: parameter p of lane l at p * stride + l. Renews itself with
+    /// `metric` where that is needed and was not done.
+    void set_lanes(const double* theta, std::size_t stride, std::size_t lanes, MetricSolver& metric,
+                   TaskTeam& team) noexcept;
     /// [loop] y (rows and lanes of the metric) holds K0^-1 r and receives K~_l^-1 r for the first `open` lanes.
     void apply(float* y, std::size_t lanes, std::size_t open, TaskTeam& team) noexcept;
 
@@ -54,7 +56,8 @@ class GroupCorrection {
     };
     std::vector<Group> groups_;
     Eigen::Index modes_ = 0;
-    bool active_ = false;  // a lane's parameters differ from theta0
+    bool active_ = false;   // a lane's parameters differ from theta0
+    bool renewed_ = false;  // W belongs to what was read
     std::vector<float> W_, C_;
     Eigen::MatrixXf UtW_, G_inverse_;  // G_inverse_: blocks on the diagonal
     std::vector<double> theta0_;

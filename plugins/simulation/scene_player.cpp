@@ -166,7 +166,7 @@ ScenePlayer::StepResult ScenePlayer::step(double from_s, double to_s, const Hypo
     model_->stepper().set_rayleigh_mass(scene_->rayleigh_mass_1_s);
     StepResult result = settle_from(state_, length, h.theta, state_);
     if (!result.converged && !last_state_.empty()) {  // the guess was a bad one
-        model_->solver().invalidate();
+        model_->solver().follow_system();
         result = settle_from(last_state_, length, h.theta, state_);
     }
     memory_.finish_step(scene_->viscosity, length, scene_->parts.body, state_.data());

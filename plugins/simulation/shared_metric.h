@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "plugins/simulation/group_correction.h"
+#include "plugins/simulation/metric_rotation.h"
 #include "plugins/simulation/system.h"
 
 namespace teres {
@@ -29,17 +30,24 @@ class SharedMetric {
     /// definite even when shifted.
     bool factorise(TaskTeam& team, int& factorisations) noexcept;
     bool usable() const { return usable_; }
+    /// [loop] Prepares the lanes of one solve (batch layout): their parameters theta, a lane of its own also by how the
+    /// body at x has turned.
+    void set_lanes(const double* theta, const double* x, std::size_t stride, std::size_t lanes) noexcept;
+    /// [loop] y <- K0^-1 y and then y <- K~_l^-1 r for the first `open` lanes (rows and lanes as in metric_solver.h).
+    void solve(float* y, std::size_t lanes, std::size_t open) noexcept;
+    void correct(float* y, std::size_t lanes, std::size_t open) noexcept;
 
     MetricSolver& solver() { return solver_; }
-    GroupCorrection& correction() { return correction_; }
 
   private:
     const MechanicalSystem& system_;
+    const std::size_t max_lanes_;
     Cholesky cholesky_;
     MetricSolver solver_;
+    MetricRotation rotation_;
     GroupCorrection correction_;  // the lanes' own parameters in the shared metric
     std::vector<double> values_;
-    bool usable_ = false;
+    bool usable_ = false, turned_ = false;
 };
 
 class MetricRenewal {

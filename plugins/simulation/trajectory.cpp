@@ -126,17 +126,24 @@ TrajectoryReport Trajectory::play_frames(const Hypothesis& h, std::span<const st
     const std::size_t half = (frames.size() + 1) / 2;
     const auto earlier = frames.first(half), later = frames.subspan(half);
     VectorXd last;  // where the earlier half ends
-    // Starts at rest or `from`, where the body was at `from_frame`; from frame to frame it moves much as it did
-    // `before`.
+    // Starts at rest or `from`, where the body was at `from_frame`; from frame to frame it moves as it did `before` and
+    // goes on leaving that as it last did.
     const auto play = [&](Trajectory& by, std::span<const std::int32_t> part, const VectorXd* from,
                           std::int32_t from_frame) {
         std::size_t k = 0;
+        VectorXd away, away_before;  // from `before`, at the last frame and the one before that
         const auto guess = [&, part](std::size_t f, double* x) {
             Eigen::Map<VectorXd> at(x, dofs);
             if (k == 0 && from != nullptr) at = *from;
             const std::int32_t f0 = k == 0 ? from_frame : part[k - 1];
+            const bool compared = f0 >= 0 && f < before.size();
+            std::swap(away, away_before);
+            away = at;
+            if (compared) away -= before[static_cast<std::size_t>(f0)];
+            if (k > 1)
+                at += (static_cast<double>(f) - f0) / static_cast<double>(f0 - part[k - 2]) * (away - away_before);
+            if (compared) at += before[f] - before[static_cast<std::size_t>(f0)];
             ++k;
-            if (f0 >= 0 && f < before.size()) at += before[f] - before[static_cast<std::size_t>(f0)];
         };
         const auto seen = [&](std::size_t f, const double* x) {
             if (static_cast<std::int32_t>(f) == earlier.back()) last = Eigen::Map<const VectorXd>(x, dofs);
