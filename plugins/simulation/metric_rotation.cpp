@@ -25,6 +25,18 @@ void follow_rotation(const Eigen::Matrix3d& A, Eigen::Quaterniond& q) noexcept {
     }
 }
 
+// y <- R y, or R^T y, for the three rows of a node.
+template <bool kBack>
+void turn_rows(const std::int32_t* row, const Eigen::Matrix3f& R, float* y, std::size_t stride) noexcept {
+    float* r[3] = {y + static_cast<std::size_t>(row[0]) * stride, y + static_cast<std::size_t>(row[1]) * stride,
+                   y + static_cast<std::size_t>(row[2]) * stride};
+    const auto k = [&](int a, int b) { return kBack ? R(b, a) : R(a, b); };
+    for (std::size_t l = 0; l < stride; ++l) {
+        const float v0 = r[0][l], v1 = r[1][l], v2 = r[2][l];
+        for (int a = 0; a < 3; ++a) r[a][l] = k(a, 0) * v0 + k(a, 1) * v1 + k(a, 2) * v2;
+    }
+}
+
 }  // namespace
 
 MetricRotation::MetricRotation(const BlockPattern& pattern, std::size_t num_nodes, const MetricSolver& metric) {
@@ -75,19 +87,6 @@ void MetricRotation::follow(const double* x, std::size_t stride) noexcept {
         R_[n] = turn_[n].toRotationMatrix().cast<float>();
     }
 }
-
-namespace {
-template <bool kBack>
-void turn_rows(const std::int32_t* row, const Eigen::Matrix3f& R, float* y, std::size_t stride) noexcept {
-    float* r[3] = {y + static_cast<std::size_t>(row[0]) * stride, y + static_cast<std::size_t>(row[1]) * stride,
-                   y + static_cast<std::size_t>(row[2]) * stride};
-    const auto k = [&](int a, int b) { return kBack ? R(b, a) : R(a, b); };
-    for (std::size_t l = 0; l < stride; ++l) {
-        const float v0 = r[0][l], v1 = r[1][l], v2 = r[2][l];
-        for (int a = 0; a < 3; ++a) r[a][l] = k(a, 0) * v0 + k(a, 1) * v1 + k(a, 2) * v2;
-    }
-}
-}  // namespace
 
 void MetricRotation::turn_back(float* y, std::size_t stride) const noexcept {
     for (std::size_t n = 0; n + 1 < nodes_.size(); ++n) turn_rows<true>(nodes_[n].row, R_[n], y, stride);

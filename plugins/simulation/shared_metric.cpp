@@ -9,11 +9,10 @@ namespace teres {
 
 SharedMetric::SharedMetric(const MechanicalSystem& system, std::size_t max_lanes)
     : system_(system),
-      max_lanes_(max_lanes),
       cholesky_(system.pattern()),
       solver_(cholesky_, system.team().threads()),
-      rotation_(system.pattern(), system.num_nodes(), solver_),
       correction_(system.parts().tethers, system.parts().num_parameters, system.pattern(), solver_, max_lanes) {
+    if (max_lanes == 1) rotation_.emplace(system.pattern(), system.num_nodes(), solver_);
     values_.reserve(system.pattern().num_values());
 }
 
@@ -22,32 +21,31 @@ bool SharedMetric::read(const ExternalActions& actions, const Inertia& inertia, 
     usable_ = false;
     if (!system_.tangent(actions, inertia, lane, theta, x, values_)) return false;
     correction_.read(system_.parts().tethers, theta, x);
-    if (max_lanes_ == 1) rotation_.read(x);
+    if (rotation_) rotation_->read(x);
     return true;
 }
 
 bool SharedMetric::factorise(TaskTeam& team, int& factorisations) noexcept {
     if (!cholesky_.factorise_shifted(values_, factorisations)) return false;
     solver_.renew(cholesky_);
-    if (max_lanes_ > 1) correction_.renew(solver_, team);  // a single lane is where the metric is made, at first
+    if (!rotation_) correction_.renew(solver_, team);  // a lane of its own is where the metric is made, at first
     usable_ = true;
     return true;
 }
 
 void SharedMetric::set_lanes(const double* theta, const double* x, std::size_t stride, std::size_t lanes) noexcept {
     correction_.set_lanes(theta, stride, lanes, solver_, system_.team());
-    turned_ = max_lanes_ == 1;
-    if (turned_) rotation_.follow(x, stride);
+    if (rotation_) rotation_->follow(x, stride);
 }
 
 void SharedMetric::solve(float* y, std::size_t lanes, std::size_t open) noexcept {
-    if (turned_) rotation_.turn_back(y, MetricSolver::lane_stride(lanes));
+    if (rotation_) rotation_->turn_back(y, MetricSolver::lane_stride(lanes));
     solver_.solve(y, lanes, open, system_.team());
 }
 
 void SharedMetric::correct(float* y, std::size_t lanes, std::size_t open) noexcept {
     correction_.apply(y, lanes, open, system_.team());
-    if (turned_) rotation_.turn(y, MetricSolver::lane_stride(lanes));
+    if (rotation_) rotation_->turn(y, MetricSolver::lane_stride(lanes));
 }
 
 MetricRenewal::MetricRenewal(const MechanicalSystem& system, std::size_t max_lanes)

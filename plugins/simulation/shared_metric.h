@@ -7,6 +7,7 @@
 #include <condition_variable>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <thread>
 #include <vector>
 
@@ -41,13 +42,12 @@ class SharedMetric {
 
   private:
     const MechanicalSystem& system_;
-    const std::size_t max_lanes_;
     Cholesky cholesky_;
     MetricSolver solver_;
-    MetricRotation rotation_;
-    GroupCorrection correction_;  // the lanes' own parameters in the shared metric
+    std::optional<MetricRotation> rotation_;  // of a lane of its own
+    GroupCorrection correction_;              // the lanes' own parameters in the shared metric
     std::vector<double> values_;
-    bool usable_ = false, turned_ = false;
+    bool usable_ = false;
 };
 
 class MetricRenewal {
