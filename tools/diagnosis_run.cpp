@@ -154,7 +154,7 @@ Result<Hosted> host(const std::string& folder, Config config, bool first, const 
     TERES_TRY(h.session->start());
     h.mechanics = h.session->extension<TrajectoryModel>();
     h.sensors = h.session->extension<ObservationModel>();
-    if (h.mechanics == nullptr) return host_fault("the plugins offer no teres.trajectory_model/4");
+    if (h.mechanics == nullptr) return host_fault(std::string("the plugins offer no ") + TrajectoryModel::kId);
 
     const std::size_t markers = h.mechanics->num_markers(), frames = h.mechanics->num_frames();
     h.observed_m.assign(3 * markers * frames, std::numeric_limits<double>::quiet_NaN());

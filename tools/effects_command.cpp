@@ -97,7 +97,7 @@ Result<int> show(const EffectsOptions& options) {
     const auto* mechanics = session->extension<TrajectoryModel>();
     const auto* sensor = session->extension<ObservationModel>();
     if (mechanics == nullptr || sensor == nullptr)
-        return host_fault("the plugins offer no teres.trajectory_model/4 or no teres.observation_model/1");
+        return host_fault(std::string("the plugins offer no ") + TrajectoryModel::kId + " or no " + ObservationModel::kId);
     if (!options.json_file.empty()) {
         nlohmann::json all{{"format", "teres-effects-1"}, {"case", folder}, {"effects", as_json(*mechanics)}};
         for (auto& entry : as_json(*sensor)) all["effects"].push_back(entry);

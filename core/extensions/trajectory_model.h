@@ -29,7 +29,7 @@ struct NominalParameter {
 
 class TrajectoryModel : public EffectCatalogue {
   public:
-    static constexpr const char* kId = "teres.trajectory_model/5";
+    static constexpr const char* kId = "teres.trajectory_model/6";
 
     virtual std::size_t num_parameters() const noexcept = 0;
     virtual NominalParameter parameter(std::size_t index) const noexcept = 0;
@@ -57,11 +57,14 @@ class TrajectoryModel : public EffectCatalogue {
                                       std::span<double> nodes_m) noexcept = 0;
 
     /// simulate() at a fraction of its cost where the recording allows it: only frames between which the change from
-    /// the last simulate() does not follow from its first order are solved; between them the rest of the change is
+    /// the last simulate() or rebase() does not follow from its first order are solved; between them the rest of the change is
     /// interpolated in time.
     virtual TrajectoryReport approximate(const Hypothesis& h, std::span<double> markers_m) noexcept {
         return simulate(h, markers_m, {}, {});
     }
+    /// The last approximate() takes the place of the last simulate() for those that follow, with tangents of its own at
+    /// frames that it solved. Frames between them keep the error of their interpolation.
+    virtual void rebase() noexcept {}
 
     /// simulate() at the given frames only (ascending); markers_m has 3 M per listed frame. The base stays what it is.
     virtual TrajectoryReport simulate_at(const Hypothesis& h, std::span<const std::int32_t> frames,

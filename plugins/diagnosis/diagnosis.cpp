@@ -167,7 +167,7 @@ Result<void> find_causes(Problem& problem, const GapRecording& recording, const 
     const DiagnosisOptions& options = problem.options;
     // What the nominal model can explain, and whether anything is left.
     stage(options, "nominal fit")(0.0);
-    out.nominal = nominal_fit(problem);
+    out.nominal = nominal_fit(problem, before != nullptr ? out.nominal.at : prior_median(*recording.mechanics));
     if (!out.nominal.usable) return not_usable(out.name + ": the nominal model does not converge");
     stage(options, "nominal fit")(1.0);
 
@@ -197,13 +197,17 @@ Result<void> find_causes(Problem& problem, const GapRecording& recording, const 
         }
     };
     const auto judged = [&] { return judge(causes, out.nominal.compared_cost(), problem.floor, options.calibration); };
-    if (!causes.empty()) add_more();
-    out.verdict = judged();
-    // What will be searched with other data held out need not be looked at again before.
-    if (!causes.empty() && out.nominal.cost > problem.floor.total() && !fails_later(problem, out) &&
-        look_again(problem, out.nominal, out.screening, causes)) {
-        add_more();
+    const auto judge_now = [&] {
         out.verdict = judged();
+        return !fails_later(problem, out);  // else all is searched again, with other data held out
+    };
+    if (judge_now() && !causes.empty()) {
+        add_more();
+        if (judge_now() && out.nominal.cost > problem.floor.total() &&
+            look_again(problem, out.nominal, out.screening, causes)) {
+            add_more();
+            out.verdict = judged();
+        }
     }
     problem.beside = nullptr;
     out.significant = out.verdict.none_probability < 0.5;

@@ -11,8 +11,7 @@ constexpr double kHuber = 3.0;     // weight falls from here on, in medians of t
 constexpr double kMaxStep = 2.5;   // of a scaled coordinate in one iteration: keeps linearised steps in reach
 constexpr double kDamping = 1e-2;  // at the start
 constexpr double kGrowth = 4.0;    // of the damping after a step that was worse; doubled when it happens again
-constexpr double kFarFromWhole =
-    1.0;                          // scaled coordinates from the last whole simulation: its tangents no longer serve
+constexpr double kFarFromBase = 1.0;  // scaled coordinates from where the tangents were made: they no longer serve
 constexpr double kNoMove = 1e-9;  // scaled coordinates
 constexpr double kMaxDamping = 1e6;
 constexpr int kPatience = 2;  // steps whose gain tells what the next ones can bring
@@ -129,15 +128,15 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
     Eigen::MatrixXd H;  // dh/du of the trajectory
     bool current = false;
     const Eigen::VectorXd moves = mechanical_coordinates(simulator, space, start);
-    Eigen::VectorXd whole_u = scaled(start);
+    Eigen::VectorXd base_u = scaled(start);
+    bool rebased = false;
     const auto linearise = [&](Fit& fit) {
-        const bool far = !simulator.mechanics().dynamic() &&
-                         moves.cwiseProduct(fit.u - whole_u).lpNorm<Eigen::Infinity>() > kFarFromWhole;
-        if (far && simulator.simulate(fit.at, fit.trajectory)) {
-            weigh(fit);
-            whole_u = fit.u;
-        } else if (far || simulator.base().theta != fit.at.theta || simulator.base().effects != fit.at.effects) {
-            evaluate(fit.u);
+        if (simulator.base().theta != fit.at.theta || simulator.base().effects != fit.at.effects) evaluate(fit.u);
+        if (!simulator.mechanics().dynamic() &&
+            moves.cwiseProduct(fit.u - base_u).lpNorm<Eigen::Infinity>() > kFarFromBase) {
+            simulator.rebase();
+            base_u = fit.u;
+            rebased = true;
         }
         H = derivative(simulator, space, fit.at);
         current = true;
@@ -167,6 +166,7 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
     Fit best = evaluate(scaled(start));
     if (!best.usable) return best;
     double damping = kDamping, growth = kGrowth;
+    bool given_up = false;
     std::vector<double> course{misfit_and_ligaments(best)};
     for (int iteration = 0; iteration < options.max_iterations && damping < kMaxDamping; ++iteration) {
         if (options.robust) {
@@ -203,7 +203,15 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
         course.push_back(misfit_and_ligaments(best));
         if (iteration < kPatience) continue;
         const double gained = course[course.size() - 1 - kPatience] - course.back();
-        if (course.back() - gained / kPatience * (options.max_iterations - iteration) > options.out_of_reach) break;
+        given_up = course.back() - gained / kPatience * (options.max_iterations - iteration) > options.out_of_reach;
+        if (given_up) break;
+    }
+    if (rebased && !given_up) {  // frames between those solved come from far
+        best.usable = simulator.simulate(best.at, best.trajectory);
+        if (!best.usable) return best;
+        weigh(best);
+        base_u = best.u;
+        current = false;
     }
     if (options.robust) {  // every marker at full weight
         weight = used;

@@ -54,15 +54,15 @@ void side_by_side(Problem& problem, std::size_t count, const std::function<void(
     share_work(true, count, [&](std::size_t who, std::size_t k) { work(who == 0 ? problem : *problem.beside, k); });
 }
 
-Fit nominal_fit(Problem& problem) {
+Fit nominal_fit(Problem& problem, const Assumption& start) {
     Simulator& simulator = problem.simulator;
     Eigen::VectorXd motion;
-    simulator.simulate(prior_median(simulator.mechanics()), motion);
+    simulator.simulate(start, motion);
     const auto reweigh = [&](const Eigen::VectorXd& about) {
         problem.whitener = whitener_for(problem.recording, problem.discrepancy, about, problem.options.calibration);
     };
     reweigh(motion);
-    Fit fit = problem.fit(prior_median(simulator.mechanics()), 8, true);
+    Fit fit = problem.fit(start, 8, true);
     if (!fit.usable) return fit;
     const double inside = mean_square(problem.recording, fit.trajectory, problem.recording.fit_rows);
     const double outside = mean_square(problem.recording, fit.trajectory, problem.recording.held_rows);

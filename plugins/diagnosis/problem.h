@@ -81,6 +81,6 @@ void side_by_side(Problem& problem, std::size_t count,
 
 /// Nominal parameters alone; whether the last frames are held out or, if something happens in them, markers. Sets
 /// whitener and floor.
-Fit nominal_fit(Problem& problem);
+Fit nominal_fit(Problem& problem, const Assumption& start);
 
 }  // namespace teres

@@ -48,6 +48,8 @@ double Simulator::noise_factor(const Assumption& assumption) const {
 }
 
 bool Simulator::simulate(const Assumption& assumption, Eigen::VectorXd& observed) {
+    if (every_frame_ && base_true_.size() > 0 && same_mechanics(base_, assumption))
+        return keep(assumption, base_report_, observed);
     return simulate(assumption, observed, nullptr, nullptr);
 }
 
@@ -61,6 +63,7 @@ bool Simulator::simulate(const Assumption& assumption, Eigen::VectorXd& observed
         mechanics_.simulate({assumption.theta, list}, {base_true_.data(), rows_},
                             points_m != nullptr ? std::span<double>(*points_m) : std::span<double>(),
                             nodes_m != nullptr ? std::span<double>(*nodes_m) : std::span<double>());
+    every_frame_ = true;
     return keep(assumption, report, observed);
 }
 
@@ -87,6 +90,7 @@ void Simulator::set_horizon(std::size_t num_frames) {
 bool Simulator::approximate(const Assumption& assumption, Eigen::VectorXd& observed) {
     if (base_true_.size() > 0 && same_mechanics(base_, assumption)) return keep(assumption, base_report_, observed);
     base_true_.resize(static_cast<Eigen::Index>(rows_));
+    every_frame_ = false;
     const auto list = instances(assumption, false);
     return keep(assumption, mechanics_.approximate({assumption.theta, list}, {base_true_.data(), rows_}), observed);
 }

@@ -40,6 +40,8 @@ class Simulator {
     void set_horizon(std::size_t num_frames);
     /// simulate() at a fraction of its cost (TrajectoryModel::approximate).
     bool approximate(const Assumption& assumption, Eigen::VectorXd& observed);
+    /// The last approximate() takes the place of the last simulate() (TrajectoryModel::rebase).
+    void rebase() { mechanics_.rebase(); }
     /// First-order change of the observed trajectory when the base gives way to each of `others`.
     Eigen::MatrixXd responses(const std::vector<Assumption>& others, const Progress& progress = {});
     /// Factor on the stated noise.
@@ -61,6 +63,7 @@ class Simulator {
     std::vector<double> times_;
     std::size_t horizon_ = 0;
     Assumption base_;
+    bool every_frame_ = false;  // of the base was simulated
     TrajectoryReport base_report_;
     Eigen::VectorXd base_true_, base_observed_;
 };

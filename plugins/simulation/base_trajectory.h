@@ -38,6 +38,8 @@ struct BaseTrajectory {
 
     HypothesisPoint at;
     std::vector<Eigen::VectorXd> x, v, a;         ///< per frame, 3N; v, a: dynamic
+    std::vector<std::int32_t> solved;             ///< frames in equilibrium; empty: all
+    Eigen::MatrixXd marker_rest_m;                ///< per frame, what markers are off those of x; empty: nothing
     std::vector<Compliance> compliance;           ///< of a dynamic case: one, next to the mean state
     std::vector<std::size_t> nearest;             ///< compliance of each frame
     std::unique_ptr<ModalResponse> modal;         ///< dynamic

@@ -29,7 +29,7 @@ inline std::size_t padded_lanes(std::size_t lanes) {
 
 class Body {
   public:
-    Body(std::vector<StrainPoints> points, Material material) : points_(std::move(points)), material_(material) {}
+    Body(std::vector<StrainPoints> points, Material material);
 
     const Material& material() const { return material_; }
     const std::vector<StrainPoints>& points() const { return points_; }
@@ -50,9 +50,15 @@ class Body {
     bool add_tangent(const Positions& x, const BlockPattern& pattern, std::vector<double>& values) const noexcept;
 
   private:
+    static constexpr std::size_t kMostAlike = 2;
+
+    bool tangent_at(const std::vector<std::size_t>& sets, std::size_t q, const Eigen::Matrix3d& F,
+                    Matrix9d& A) const noexcept;
+
     std::vector<StrainPoints> points_;
     Material material_;
-    std::vector<std::vector<std::int32_t>> blocks_;  // per point set: block index per node pair (row <= column order)
+    std::vector<std::vector<std::size_t>> alike_;    // numbers of sets whose points have the same nodes and dN/dX
+    std::vector<std::vector<std::int32_t>> blocks_;  // of those sets: block index per node pair (row <= column)
 };
 
 }  // namespace teres

@@ -231,10 +231,12 @@ bool adds_effects(const StrainPoints& points) {
     return points.stiffening != 0.0 || !points.prestress.empty();
 }
 
-void add_gradient_of_one_lane(const StrainPoints& points, const PointRows& rows, const Material& material,
-                              const double* x, double* gradient, double* spare, double* energy, std::size_t stride) {
+void add_gradient_of_one_lane(std::span<const StrainPoints* const> sets, const PointRows& rows,
+                              const Material& material, const double* x, double* gradient, double* spare,
+                              double* energy, std::size_t stride) {
     constexpr std::size_t kN = kPackLanes;
     static_assert(kN >= 3);
+    const StrainPoints& points = *sets.front();
     const auto entry = [&](std::int32_t i) {  // dN/dX of a node entry; the last lanes belong to the next or are 0
         return static_cast<std::size_t>(i) + 1 < points.node.size()
                    ? load(&points.gradient[3 * static_cast<std::size_t>(i)])
@@ -242,10 +244,10 @@ void add_gradient_of_one_lane(const StrainPoints& points, const PointRows& rows,
                           points.gradient[3 * static_cast<std::size_t>(i) + 1],
                           points.gradient[3 * static_cast<std::size_t>(i) + 2]};
     };
-    double total = 0.0;
+    Pack total{};
     for (std::size_t k = 0; k < rows.count; k += kN) {
         const std::size_t count = std::min(kN, rows.count - k);
-        double packed[9][kN] = {};  // F of the points, then P
+        double packed[9][kN] = {};  // F of the points, then sum over sets of V s P
         for (std::size_t j = 0; j < kN; ++j) {
             const auto q = static_cast<std::size_t>(rows.point[k + std::min(j, count - 1)]);
             Pack row[3]{};  // F_ab over b
@@ -257,18 +259,26 @@ void add_gradient_of_one_lane(const StrainPoints& points, const PointRows& rows,
             for (std::size_t a = 0; a < 3; ++a)
                 for (std::size_t b = 0; b < 3; ++b) packed[a + 3 * b][j] = row[a][b];
         }
-        Gradient F, P;
+        Gradient F, sum{};
         for (int m = 0; m < 9; ++m) F.m[m] = load(packed[m]);
-        const Pack psi = evaluate(material, points.part, F, P);
-        for (int m = 0; m < 9; ++m) store(packed[m], P.m[m]);
+        for (const StrainPoints* set : sets) {
+            Pack scale{};
+            for (std::size_t j = 0; j < count; ++j) {
+                const auto q = static_cast<std::size_t>(rows.point[k + j]);
+                scale[j] = set->volume[q] * set->stiffness_scale[q];
+            }
+            Gradient P;
+            const Pack psi = evaluate(material, set->part, F, P), none{};
+            const auto there = scale != 0.0;  // elsewhere cut away: F may be anything
+            total += there ? scale * psi : none;
+            for (int m = 0; m < 9; ++m) sum.m[m] += there ? scale * P.m[m] : none;
+        }
+        for (int m = 0; m < 9; ++m) store(packed[m], sum.m[m]);
         for (std::size_t j = 0; j < count; ++j) {
             const auto q = static_cast<std::size_t>(rows.point[k + j]);
-            const double scale = points.volume[q] * points.stiffness_scale[q];
-            if (scale == 0.0) continue;  // cut away: F may be anything
-            total += scale * psi[j];
-            Pack column[3]{};  // P_ab over a
+            Pack column[3]{};  // sum of V s P_ab over a
             for (std::size_t b = 0; b < 3; ++b)
-                for (std::size_t a = 0; a < 3; ++a) column[b][a] = scale * packed[a + 3 * b][j];
+                for (std::size_t a = 0; a < 3; ++a) column[b][a] = packed[a + 3 * b][j];
             for (auto i = points.offset[q]; i < points.offset[q + 1]; ++i) {
                 const std::int32_t r = rows.row[static_cast<std::size_t>(i)];
                 double* gi = r >= 0 ? gradient + static_cast<std::size_t>(r) * 3 * stride
@@ -279,19 +289,12 @@ void add_gradient_of_one_lane(const StrainPoints& points, const PointRows& rows,
             }
         }
     }
-    store(energy, load(energy) + total);
+    for (std::size_t j = 0; j < kN; ++j) store(energy, load(energy) + total[j]);
 }
 
-}  // namespace
-
-TERES_MULTIVERSION
-void add_gradient_of_points(const StrainPoints& points, const PointRows& rows, const Material& material,
-                            const double* x, double* gradient, double* spare, double* energy, std::size_t stride,
-                            std::size_t lanes) noexcept {
-    if (lanes == 1 && stride == kPackLanes && !adds_effects(points)) {
-        add_gradient_of_one_lane(points, rows, material, x, gradient, spare, energy, stride);
-        return;
-    }
+void add_gradient_of_lanes(const StrainPoints& points, const PointRows& rows, const Material& material,
+                           const double* x, double* gradient, double* spare, double* energy, std::size_t stride,
+                           std::size_t lanes) {
     for (std::size_t k = 0; k < rows.count; ++k) {
         const auto q = static_cast<std::size_t>(rows.point[k]);
         const auto first = static_cast<std::size_t>(points.offset[q]),
@@ -324,6 +327,21 @@ void add_gradient_of_points(const StrainPoints& points, const PointRows& rows, c
             }
         }
     }
+}
+
+}  // namespace
+
+TERES_MULTIVERSION
+void add_gradient_of_points(std::span<const StrainPoints* const> sets, const PointRows& rows, const Material& material,
+                            const double* x, double* gradient, double* spare, double* energy, std::size_t stride,
+                            std::size_t lanes) noexcept {
+    if (lanes == 1 && stride == kPackLanes &&
+        std::none_of(sets.begin(), sets.end(), [](const StrainPoints* set) { return adds_effects(*set); })) {
+        add_gradient_of_one_lane(sets, rows, material, x, gradient, spare, energy, stride);
+        return;
+    }
+    for (const StrainPoints* set : sets)
+        add_gradient_of_lanes(*set, rows, material, x, gradient, spare, energy, stride, lanes);
 }
 
 }  // namespace teres

@@ -1,8 +1,9 @@
-// Inner loop of the batch: forces of one set of strain points, four lanes per SIMD pack.
+// Inner loop of the batch: forces of strain points, four lanes per SIMD pack.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
 
 #include "plugins/simulation/material.h"
 #include "plugins/simulation/strain_points.h"
@@ -17,9 +18,9 @@ struct PointRows {
     const std::int32_t* row;
 };
 
-/// Adds energy (one per lane) and gradient of the points named; layout as in body.h. Lanes from `lanes` on need not
-/// count.
-void add_gradient_of_points(const StrainPoints& points, const PointRows& rows, const Material& material,
+/// Adds energy (one per lane) and gradient of the points named, of all `sets`: their points have the same nodes and
+/// dN/dX. Layout as in body.h. Lanes from `lanes` on need not count.
+void add_gradient_of_points(std::span<const StrainPoints* const> sets, const PointRows& rows, const Material& material,
                             const double* x, double* gradient, double* spare, double* energy, std::size_t stride,
                             std::size_t lanes) noexcept;
 

@@ -2,25 +2,31 @@
 
 #include <algorithm>
 #include <limits>
+#include <numeric>
 
 namespace teres {
 
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-std::vector<std::size_t> distinct_frames(const std::vector<VectorXd>& x, std::size_t most,
-                                         std::vector<std::size_t>& nearest) {
-    std::vector<std::size_t> chosen;
+std::vector<std::size_t> distinct_frames(const std::vector<VectorXd>& x, const std::vector<std::int32_t>& among,
+                                         std::size_t most, std::vector<std::size_t>& nearest) {
+    std::vector<std::size_t> candidates(among.begin(), among.end()), chosen;
+    if (among.empty()) {
+        candidates.resize(x.size());
+        std::iota(candidates.begin(), candidates.end(), std::size_t{0});
+    }
     std::vector<double> distance(x.size(), std::numeric_limits<double>::infinity());
     nearest.assign(x.size(), 0);
-    for (std::size_t next = 0; chosen.size() < std::min(most, x.size());) {
+    for (std::size_t next = candidates.front(); chosen.size() < std::min(most, candidates.size());) {
         for (std::size_t f = 0; f < x.size(); ++f)
             if (const double d = (x[f] - x[next]).squaredNorm(); d < distance[f]) {
                 distance[f] = d;
                 nearest[f] = chosen.size();
             }
         chosen.push_back(next);
-        next = static_cast<std::size_t>(std::max_element(distance.begin(), distance.end()) - distance.begin());
+        next = *std::max_element(candidates.begin(), candidates.end(),
+                                 [&](std::size_t a, std::size_t b) { return distance[a] < distance[b]; });
     }
     return chosen;
 }

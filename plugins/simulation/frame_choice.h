@@ -7,10 +7,10 @@
 
 namespace teres {
 
-/// Frames far apart in the space of shapes, each as far as possible from those before it (Gonzalez' farthest points).
-/// nearest: for every frame the number of the nearest of them.
-std::vector<std::size_t> distinct_frames(const std::vector<Eigen::VectorXd>& x, std::size_t most,
-                                         std::vector<std::size_t>& nearest);
+/// Of the frames `among` (empty: all) some far apart in the space of shapes, each as far as possible from those before
+/// it (Gonzalez' farthest points). nearest: for every frame the number of the nearest of them.
+std::vector<std::size_t> distinct_frames(const std::vector<Eigen::VectorXd>& x, const std::vector<std::int32_t>& among,
+                                         std::size_t most, std::vector<std::size_t>& nearest);
 
 /// At most `most` frames, ascending, between which the columns of z are best interpolated in time: the ends, and again
 /// and again the frame where that is worst. z has at least two columns.

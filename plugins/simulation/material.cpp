@@ -195,24 +195,23 @@ bool Material::tangent(const Matrix3d& F, PartWeights part, double& psi, Matrix3
         for (int j = 0; j < 3; ++j)
             H(i, j) = (w.second(i, j) / l(i) - (i == j ? w.first(i) / (l(i) * l(i)) : 0.0)) / l(j);
     set_kronecker_geometric(S, A);
-    const Matrix3d f = F * N;  // columns F N_i
-    for (int i = 0; i < 3; ++i)
-        for (int j = 0; j < 3; ++j) {
-            // dE_ij = sym(N_i . F^T dF N_j); rows f_i N_j^T stacked column by column
-            for (int b = 0; b < 3; ++b)
-                for (int a = 0; a < 3; ++a)
-                    for (int d = 0; d < 3; ++d)
-                        for (int e = 0; e < 3; ++e)
-                            A(a + 3 * b, e + 3 * d) += H(i, j) * f(a, i) * N(b, i) * f(e, j) * N(d, j);
-            if (j <= i) continue;
+    // A += G H G^T + sum over pairs 2 m g g^T: dE_ij = sym(N_i . F^T dF N_j), its columns f_i N_j^T stacked
+    const Matrix3d f = F * N;
+    const auto stacked = [](const Matrix3d& m) -> Eigen::Matrix<double, 9, 1> {
+        return Eigen::Map<const Eigen::Matrix<double, 9, 1>>(m.data());
+    };
+    Eigen::Matrix<double, 9, 6> G, D;  // A += D G^T
+    for (int i = 0; i < 3; ++i) G.col(i) = stacked(f.col(i) * N.col(i).transpose());
+    D.leftCols<3>().noalias() = G.leftCols<3>() * H;
+    for (int i = 0, k = 3; i < 3; ++i)
+        for (int j = i + 1; j < 3; ++j, ++k) {
             const double gap = c(j) - c(i);
             const double m =
                 std::abs(gap) > 1e-7 ? 2.0 * (s(j) - s(i)) / gap : H(i, i) - H(i, j);  // limit (1/l) d(s_i - s_j)/d l_i
-            Matrix3d pair = Matrix3d::Zero();
-            pair = 0.5 * (f.col(i) * N.col(j).transpose() + f.col(j) * N.col(i).transpose());
-            const Eigen::Map<const Eigen::Matrix<double, 9, 1>> g(pair.data());
-            A.noalias() += 2.0 * m * g * g.transpose();
+            G.col(k) = stacked(0.5 * (f.col(i) * N.col(j).transpose() + f.col(j) * N.col(i).transpose()));
+            D.col(k) = 2.0 * m * G.col(k);
         }
+    A.noalias() += D.lazyProduct(G.transpose());
     return true;
 }
 

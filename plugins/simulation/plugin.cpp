@@ -1,5 +1,5 @@
 // Unit `simulation`: reads the case, offers teres.forward_model/1, teres.topology/1 (not with effects as unknowns) and,
-// if asked, teres.trajectory_model/4. It has no messages of its own; whoever estimates or simulates calls the interface
+// if asked, teres.trajectory_model. It has no messages of its own; whoever estimates or simulates calls the interface
 // and publishes.
 #include "core/plugin_sdk.h"
 

@@ -94,7 +94,7 @@ struct SimulationSettings {
               "mechanical effects whose parameters are unknowns beside the ligament groups, e.g. "
               "\"stiffness, gravity\" (teres effects); sigma points are then simulated one after the other");
         field("trajectories", trajectories,
-              "offer whole recordings under hypotheses too (teres.trajectory_model/4); memory of 0.1-0.5 GB");
+              "offer whole recordings under hypotheses too (teres.trajectory_model); memory of 0.1-0.5 GB");
         field("trajectory_residual", trajectory_residual, {1e-12, 1e-2},
               "trajectories: a step ends when |residual| <= this * |applied force|");
         field("max_step_s", max_step_s, {1e-5, 1.0}, "trajectories of dynamic cases: longest time step");

@@ -115,6 +115,7 @@ TrajectoryReport Trajectory::play_all(const Hypothesis& h, std::span<double> mar
         if (!nodes_m.empty()) std::copy_n(whole.data(), corners, &nodes_m[f * corners]);
     }
     if (player_->scene().dynamic) base_->differentiate([&](std::size_t f) { return player_->step_s(f); });
+    guide_ = base_;
     return report;
 }
 
@@ -168,8 +169,8 @@ TrajectoryReport Trajectory::play_frames(const Hypothesis& h, std::span<const st
 }
 
 // z_f(h) = z_f + (1 + a_f) dz_f + r_f about the last whole trajectory: dz first order at every frame; a and the rest r
-// known where frames are solved, interpolated between them. Nodes between them follow the interpolated change: good
-// enough for the derivatives of first_order().
+// known where frames are solved, interpolated between them. Nodes between them move as when every frame was solved, and
+// away from there as interpolated: good enough for the derivatives of first_order().
 TrajectoryReport Trajectory::approximate(const Hypothesis& h, std::span<double> markers_m) noexcept {
     CaseModel& model = player_->model();
     const std::size_t dofs = 3 * model.num_nodes(), F = num_frames();
@@ -206,23 +207,39 @@ TrajectoryReport Trajectory::approximate(const Hypothesis& h, std::span<double> 
     };
     std::vector<char> reached(solved.size(), 0);
     const TrajectoryReport report = play_frames(h, solved, before->x, [&](std::size_t f, const double* x) {
-        node_change.col(slot(f)) = Eigen::Map<const VectorXd>(x, node_change.rows()) - whole_->x[f];
+        node_change.col(slot(f)) = Eigen::Map<const VectorXd>(x, node_change.rows()) - guide_->x[f];
         reached[static_cast<std::size_t>(slot(f))] = 1;
     });
+    const auto markers_of_whole = [&](Eigen::Index f) -> VectorXd {
+        const VectorXd z = markers(whole_->x[static_cast<std::size_t>(f)].data());
+        return whole_->marker_rest_m.size() > 0 ? VectorXd(z + whole_->marker_rest_m.col(f)) : z;
+    };
     for (Eigen::Index k = 0; k < rest.cols(); ++k) {
-        if (!reached[static_cast<std::size_t>(k)]) continue;
-        const auto f = static_cast<std::size_t>(solved[static_cast<std::size_t>(k)]);
-        const VectorXd x = whole_->x[f] + node_change.col(k);
-        rest.col(k) = markers(x.data()) - markers(whole_->x[f].data()) - change.col(static_cast<Eigen::Index>(f));
+        const std::int32_t f = solved[static_cast<std::size_t>(k)];
+        if (!reached[static_cast<std::size_t>(k)]) {
+            node_change.col(k) = whole_->x[static_cast<std::size_t>(f)] - guide_->x[static_cast<std::size_t>(f)];
+            continue;
+        }
+        const VectorXd x = guide_->x[static_cast<std::size_t>(f)] + node_change.col(k);
+        rest.col(k) = markers(x.data()) - markers_of_whole(f) - change.col(f);
+        base_->solved.push_back(f);
     }
     change = with_rest(change, rest, solved);
     const MatrixXd nodes = interpolate(node_change, solved, frames);
+    base_->marker_rest_m.resize(rows, frames);
     for (Eigen::Index f = 0; f < frames; ++f) {
-        const VectorXd& x = whole_->x[static_cast<std::size_t>(f)];
-        Eigen::Map<VectorXd>(markers_m.data() + f * rows, rows) = markers(x.data()) + change.col(f);
-        base_->x.push_back(x + nodes.col(f));
+        base_->x.push_back(guide_->x[static_cast<std::size_t>(f)] + nodes.col(f));
+        const VectorXd z = markers_of_whole(f) + change.col(f);
+        Eigen::Map<VectorXd>(markers_m.data() + f * rows, rows) = z;
+        base_->marker_rest_m.col(f) = z - markers(base_->x.back().data());
     }
     return report;
+}
+
+void Trajectory::rebase() noexcept {
+    if (whole_->x.empty() || base_->solved.empty()) return;
+    whole_ = std::make_shared<BaseTrajectory>();
+    base_->with_markers = base_->with_points = false;  // tangents of its own, made on first use
 }
 
 // Columns whose span the motion under `h` hardly leaves: what the last whole trajectory did, modes, and what the change
@@ -365,7 +382,7 @@ void Trajectory::prepare_compliances(bool points) const {
     if (player_->scene().dynamic) {
         if (!prepare_modes(points)) return;
     } else {
-        const std::vector<std::size_t> knots = distinct_frames(base_->x, kCompliances, base_->nearest);
+        const std::vector<std::size_t> knots = distinct_frames(base_->x, base_->solved, kCompliances, base_->nearest);
         base_->compliance.resize(knots.size());
         if (share_)
             beside_twin([&](Trajectory& twin) { twin.prepare_compliances_at(knots, 1, 2, points); },

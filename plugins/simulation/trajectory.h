@@ -1,4 +1,4 @@
-// Whole recordings of a case under hypotheses (teres.trajectory_model/4): simulation, and the first-order
+// Whole recordings of a case under hypotheses (teres.trajectory_model): simulation, and the first-order
 // response of the markers to other hypotheses by one compliance matrix per frame,
 //
 //     K_f dx = -(g(x_f; other) - g(x_f; base)),   dz_f = H_f dx = -C_f dg,   C_f = H_f K_f^-1   (3M x 3N)
@@ -50,6 +50,7 @@ class Trajectory final : public TrajectoryModel {
     TrajectoryReport simulate(const Hypothesis& h, std::span<double> markers_m, std::span<double> points_m,
                               std::span<double> nodes_m) noexcept override;
     TrajectoryReport approximate(const Hypothesis& h, std::span<double> markers_m) noexcept override;
+    void rebase() noexcept override;
     TrajectoryReport simulate_at(const Hypothesis& h, std::span<const std::int32_t> frames,
                                  std::span<double> markers_m) noexcept override;
     bool first_order(std::span<const Hypothesis> others, std::span<double> markers_m,
@@ -114,8 +115,9 @@ class Trajectory final : public TrajectoryModel {
     std::vector<ModelVariant> variants_;
     // Never null; a base's frames are made on first use. The twin may look at it as well.
     std::shared_ptr<BaseTrajectory> base_ = std::make_shared<BaseTrajectory>();
-    // The last trajectory of which every frame was solved, while base_ is an approximate one.
+    // What base_ is compared with while it is an approximate one: the last of which every frame was solved, or rebased.
     std::shared_ptr<BaseTrajectory> whole_ = std::make_shared<BaseTrajectory>();
+    std::shared_ptr<const BaseTrajectory> guide_;  // the last of which every frame was solved
     bool share_ = false;
     mutable std::unique_ptr<Cholesky> factor_;  // of tangents at bases
 };

@@ -21,9 +21,11 @@ TEST(FrameChoice, DistinctShapesAreChosenAndOthersTakeTheNearest) {
     std::vector<VectorXd> x;
     for (const double v : {0.0, 0.1, 5.0, 5.1, 9.0}) x.push_back(VectorXd::Constant(1, v));
     std::vector<std::size_t> nearest;
-    EXPECT_EQ(distinct_frames(x, 3, nearest), (std::vector<std::size_t>{0, 4, 2}));
+    EXPECT_EQ(distinct_frames(x, {}, 3, nearest), (std::vector<std::size_t>{0, 4, 2}));
     EXPECT_EQ(nearest, (std::vector<std::size_t>{0, 0, 2, 2, 1}));
-    EXPECT_EQ(distinct_frames(x, 9, nearest).size(), 5u);
+    EXPECT_EQ(distinct_frames(x, {}, 9, nearest).size(), 5u);
+    EXPECT_EQ(distinct_frames(x, {1, 3}, 9, nearest), (std::vector<std::size_t>{1, 3}));
+    EXPECT_EQ(nearest, (std::vector<std::size_t>{0, 0, 1, 1, 1}));
 }
 
 // First order that falls short by a fixed share, and by a rest that is linear in time, is made whole exactly.

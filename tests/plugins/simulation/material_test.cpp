@@ -111,7 +111,8 @@ TEST_P(MaterialLaw, BatchKernelEqualsScalarLaw) {
         }
     }
     const std::int32_t point = 0, row[4] = {0, 1, 2, 3};
-    add_gradient_of_points(points, {&point, 1, row}, m, x.data(), gradient.data(), nullptr, energy.data(), stride,
+    const StrainPoints* set = &points;
+    add_gradient_of_points({&set, 1}, {&point, 1, row}, m, x.data(), gradient.data(), nullptr, energy.data(), stride,
                            stride);
     for (std::size_t l = 0; l < stride; ++l) {
         double psi = 0.0;
