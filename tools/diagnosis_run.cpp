@@ -205,7 +205,7 @@ Result<DiagnosisRun> diagnose_cases(const std::vector<std::string>& case_folders
         }
     }
     auto* diagnosis = hosted.front().session->extension<GapDiagnosis>();
-    if (diagnosis == nullptr) return host_fault("the plugins offer no teres.gap_diagnosis/3");
+    if (diagnosis == nullptr) return host_fault(std::string("the plugins offer no ") + GapDiagnosis::kId);
 
     std::vector<GapRecording> recordings;
     for (std::size_t k = 0; k < hosted.size(); ++k) {

@@ -88,7 +88,8 @@ Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const Effe
     for (int round = 0; round < kShapeRounds && cause.fit.misfit < problem.out_of_reach; ++round) {
         const double before = cause.fit.cost;
         improve_shapes(problem.simulator, problem.whitener, problem.recording.observed, cause.fit);
-        if (cause.fit.cost > kImproved * before || cause.fit.cost < problem.floor.total()) break;
+        if (cause.fit.cost > kImproved * before || cause.fit.cost < problem.floor.total() || problem.out_of_time())
+            break;
         Fit again = problem.fit(cause.fit.at, iterations);
         if (again.usable && again.cost < cause.fit.cost) cause.fit = std::move(again);
     }
@@ -161,7 +162,7 @@ void settle(Problem& problem, Cause& cause, int iterations) {
         cause.fit = std::move(better);
         problem.look_ahead(cause.fit);
         take_noise(problem, cause.fit);
-        if (settled) return;
+        if (settled || problem.out_of_time()) return;
     }
 }
 

@@ -177,7 +177,7 @@ Result<void> find_causes(Problem& problem, const GapRecording& recording, const 
     if (TrajectoryModel* twin = recording.mechanics->twin(); twin != nullptr) {
         second.emplace(*twin, recording.sensors, effects);
         beside.emplace(Problem{*second, problem.recording, options, problem.discrepancy, problem.whitener,
-                               problem.floor, problem.outlook});
+                               problem.floor, problem.outlook, problem.limit});
         problem.beside = &*beside;
     }
 
@@ -193,7 +193,7 @@ Result<void> find_causes(Problem& problem, const GapRecording& recording, const 
     const auto add_more = [&] {
         for (int count = 2; something && count <= options.max_effects; ++count) {
             const bool enough = count > 2 && causes.front().explained > kNearlyAll;
-            if (enough || !search_further(problem, out.nominal, out.screening, causes)) break;
+            if (enough || problem.out_of_time() || !search_further(problem, out.nominal, out.screening, causes)) break;
         }
     };
     const auto judged = [&] { return judge(causes, out.nominal.compared_cost(), problem.floor, options.calibration); };
@@ -203,7 +203,7 @@ Result<void> find_causes(Problem& problem, const GapRecording& recording, const 
     };
     if (judge_now() && !causes.empty()) {
         add_more();
-        if (judge_now() && out.nominal.cost > problem.floor.total() &&
+        if (judge_now() && out.nominal.cost > problem.floor.total() && !problem.out_of_time() &&
             look_again(problem, out.nominal, out.screening, causes)) {
             add_more();
             out.verdict = judged();
@@ -237,13 +237,17 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     TERES_TRY_ASSIGN(const std::unique_ptr<Outlook> outlook,
                      Outlook::make(recordings[0], effects, options.calibration));
     problem.outlook = outlook.get();
+    const WorkLimit limit(options.work_limit_s);
+    problem.limit = &limit;
 
     TERES_TRY(find_causes(problem, recordings[0], effects, nullptr, out));
-    if (fails_later(problem, out)) {  // then what is held out is needed to tell why: markers are held out instead
+    if (fails_later(problem, out) && !problem.out_of_time()) {  // then what is held out is needed to tell why: markers are held out instead
         const Cause before = *out.named();
         out.recording.hold_out_markers(before.fit.trajectory);
         TERES_TRY(find_causes(problem, recordings[0], effects, &before, out));
     }
+
+    out.cut_short = limit.cut_short();
 
     // Where it lies, how far it closes on what was held out, whether it carries over.
     const Cause* named = out.named();

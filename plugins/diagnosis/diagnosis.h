@@ -25,6 +25,7 @@ struct DiagnosisOptions {
     std::filesystem::path cache;
     int max_effects = 3;
     int num_refits = 5;
+    double work_limit_s = 0.0;  ///< of processor time, then no further search is begun; 0: none
     Calibration calibration{};
     /// False cancels.
     std::function<bool(const char* stage, double part)> progress{};
@@ -58,6 +59,7 @@ struct Diagnosis {
     double gap_m = 0.0, floor_m = 0.0;  ///< rms 3-D distance of the nominal fit; what noise and model error explain
     ErrorFloor error_floor;
     bool significant = false;
+    bool cut_short = false;  ///< by work_limit_s
     Verdict verdict;
     Fit nominal;
     Recording recording;

@@ -196,6 +196,7 @@ Json to_json(const Diagnosis& d, const EffectTable& effects, const TrajectoryMod
                                      {"after_rms_mm", 1e3 * t.after_m}});
     const double used = static_cast<double>(d.recording.fit_rows.size());
     json["evidence"] = {
+        {"cut_short", d.cut_short},
         {"numbers_used", d.recording.fit_rows.size()},
         {"cost_nominal", d.nominal.cost / used},
         {"cost_named", named != nullptr ? Json(named->fit.cost / used) : Json(nullptr)},

@@ -14,6 +14,7 @@ constexpr double kGrowth = 4.0;    // of the damping after a step that was worse
 constexpr double kFarFromBase = 1.0;  // scaled coordinates from where the tangents were made: they no longer serve
 constexpr double kNoMove = 1e-9;  // scaled coordinates
 constexpr double kMaxDamping = 1e6;
+constexpr int kLeastIterations = 4;  // also when the time is used up
 constexpr int kPatience = 2;  // steps whose gain tells what the next ones can bring
 
 // Square roots of Huber weights per trajectory row: marker distances against their median.
@@ -169,6 +170,7 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
     bool given_up = false;
     std::vector<double> course{misfit_and_ligaments(best)};
     for (int iteration = 0; iteration < options.max_iterations && damping < kMaxDamping; ++iteration) {
+        if (iteration >= kLeastIterations && options.limit != nullptr && options.limit->reached()) break;
         if (options.robust) {
             weight = used.cwiseProduct(huber_roots(observed - best.trajectory));
             weigh(best);

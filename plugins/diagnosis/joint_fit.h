@@ -11,6 +11,7 @@
 #include "plugins/diagnosis/fit_space.h"
 #include "plugins/diagnosis/simulator.h"
 #include "plugins/diagnosis/whitener.h"
+#include "plugins/diagnosis/work_limit.h"
 
 namespace teres {
 
@@ -21,6 +22,7 @@ struct FitOptions {
     bool growing = false;        ///< the beginning of the recording first: a phase must not be off by half a period
     double out_of_reach = std::numeric_limits<double>::infinity();  ///< misfit at which a fit is of no use: it is given
                                                                     ///< up where its last steps do not lead below
+    const WorkLimit* limit = nullptr;  ///< once reached, a few iterations have to do
     bool robust = false;  ///< markers far off the rest lose weight (Huber), so that a slipped one does not bend the fit
 };
 

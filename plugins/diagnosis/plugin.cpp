@@ -1,4 +1,4 @@
-// Unit `diagnosis`. Live: INNOVATION and MARKERS in, GAP out, one per frame. Offline: offers teres.gap_diagnosis/1.
+// Unit `diagnosis`. Live: INNOVATION and MARKERS in, GAP out, one per frame. Offline: offers GapDiagnosis.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -147,6 +147,7 @@ class DiagnosisPlugin final : public Unit, public GapDiagnosis {
         options.cache = request.cache_folder != nullptr ? request.cache_folder : "";
         options.max_effects = request.max_effects;
         options.num_refits = settings.num_refits;
+        options.work_limit_s = settings.work_limit_s;
         if (request.progress != nullptr)
             options.progress = [&](const char* stage, double part) {
                 return request.progress(request.user, stage, part);

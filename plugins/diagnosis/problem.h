@@ -3,6 +3,7 @@
 
 #include "plugins/diagnosis/diagnosis.h"
 #include "plugins/diagnosis/outlook.h"
+#include "plugins/diagnosis/work_limit.h"
 
 namespace teres {
 
@@ -37,6 +38,7 @@ struct Problem {
     Whitener whitener;
     ErrorFloor floor{};
     Outlook* outlook = nullptr;  ///< null: nothing beyond the fitted frames
+    const WorkLimit* limit = nullptr;
     Problem* beside = nullptr;   ///< the same with a simulator of its own, for a second thread; null: there is none
 
     double out_of_reach = std::numeric_limits<double>::infinity();  ///< FitOptions, of every fit
@@ -47,8 +49,11 @@ struct Problem {
                            {.max_iterations = iterations,
                             .growing = simulator.mechanics().dynamic(),
                             .out_of_reach = out_of_reach,
+                            .limit = limit,
                             .robust = robust});
     }
+    /// Work that an answer can do without is left out.
+    bool out_of_time() const { return limit != nullptr && limit->reached(); }
     /// Observed minus simulated, 0 where lost [m].
     Eigen::VectorXd residual_of(const Eigen::VectorXd& trajectory) const {
         const Eigen::VectorXd difference = recording.observed - trajectory;

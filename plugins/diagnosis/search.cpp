@@ -134,6 +134,7 @@ Screening try_beginnings(Problem& problem, const Fit& base, const Cause* known, 
         if (!problem.simulator.effects()[effect.entry].sensor && effect.explained >= kLeastEarly)
             tried.push_back(&effect);
     side_by_side(problem, tried.size(), [&](Problem& p, std::size_t k) {
+        if (p.out_of_time()) return;
         EffectScreening& effect = *tried[k];
         Assumption start = base.at;
         start.effects.push_back(effect.start);
@@ -170,7 +171,8 @@ std::vector<Cause> fit_chosen(Problem& problem, const Fit& nominal, const Base* 
     for (std::size_t next = 0; next < chosen.size();) {
         std::vector<const EffectScreening*> pair;
         for (; next < chosen.size() && pair.size() < 2; ++next)
-            if (causes.size() < always || !settled(chosen[next])) pair.push_back(&chosen[next]);
+            if (causes.size() < always || (!problem.out_of_time() && !settled(chosen[next])))
+                pair.push_back(&chosen[next]);
         for (Cause& cause : fit_beside(problem, nominal, base, causes, pair, iterations))
             causes.push_back(std::move(cause));
         report(static_cast<double>(next) / static_cast<double>(chosen.size()));
@@ -241,14 +243,15 @@ void finish(Problem& problem, const Fit& nominal, const Base* base, const Screen
     const auto report = stage(problem.options, "finishing the best");
     report(0.0);
     sort_by_score(causes);
-    if (!causes.empty()) {
+    if (!causes.empty() && !problem.out_of_time()) {
         Cause* rival = placed_rival(problem, screening, size, causes);
         try_other_places(problem, nominal, base, screening, rival != nullptr ? *rival : causes.front());
         sort_by_score(causes);
     }
     report(0.5);
+    const std::size_t most = problem.out_of_time() ? 1 : kPolished;
     std::size_t polished = 0;
-    while (polished < std::min(kPolished, causes.size()) && causes[polished].score > causes.front().score - kOutOfReach)
+    while (polished < std::min(most, causes.size()) && causes[polished].score > causes.front().score - kOutOfReach)
         ++polished;
     side_by_side(problem, polished, [&](Problem& p, std::size_t k) {
         Cause& cause = causes[k];
@@ -280,7 +283,7 @@ void fit_overlooked(Problem& problem, const Fit& nominal, const Screening& scree
     std::vector<const EffectScreening*> overlooked;
     for (const std::size_t k : worth_refitting(screening, 0, fitted + kSecondLook))
         if (fitted_alone(causes, screening.effects[k].entry) == nullptr) overlooked.push_back(&screening.effects[k]);
-    for (std::size_t k = 0; k < overlooked.size(); k += 2) {
+    for (std::size_t k = 0; k < overlooked.size() && !problem.out_of_time(); k += 2) {
         const std::vector<const EffectScreening*> pair(
             overlooked.begin() + static_cast<std::ptrdiff_t>(k),
             overlooked.begin() + static_cast<std::ptrdiff_t>(std::min(k + 2, overlooked.size())));
@@ -299,7 +302,7 @@ void fit_at_full_size(Problem& problem, const Fit& nominal, const std::vector<co
     const std::vector<double> theta = prior_median(problem.simulator.mechanics()).theta;
     std::vector<StrongStart> starts;
     std::vector<Cause> strong;
-    for (std::size_t k = 0; k < supports.size(); ++k) {
+    for (std::size_t k = 0; k < supports.size() && !problem.out_of_time(); ++k) {
         const EffectScreening& support = *supports[k];
         const auto start =
             best_strong_start(problem, frames, strong_starts(problem.simulator.effects(), support, theta));
@@ -311,7 +314,7 @@ void fit_at_full_size(Problem& problem, const Fit& nominal, const std::vector<co
         strong.back().entries = {support.entry};
         strong.back().search_cost = support.search_cost;
     }
-    for (std::size_t first = 0; first < strong.size(); first += 2) {
+    for (std::size_t first = 0; first < strong.size() && !problem.out_of_time(); first += 2) {
         const std::size_t count = std::min<std::size_t>(2, strong.size() - first);
         side_by_side(problem, count, [&](Problem& p, std::size_t k) {
             Cause& cause = strong[first + k];

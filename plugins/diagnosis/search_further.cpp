@@ -169,18 +169,20 @@ bool search_further(Problem& problem, const Fit& nominal, const Screening& scree
     AfterBeginning after;
     if (base.fit.compared_cost() > kVeryMuch * problem.floor.total() && begins_otherwise())
         after = search_after_beginning(problem, nominal, *screening.of_beginning, true, causes);
-    if (after.ends_apart) return ended();
+    if (after.ends_apart || problem.out_of_time()) return ended();
     std::vector<Cause> larger = search_on_top_of(problem, nominal, base, causes);
     const bool done = !larger.empty() && suffices(problem, larger.front());
     if (const Cause* next = runner_up(causes, base);
-        problem.simulator.mechanics().dynamic() && base.entries.size() == 1 && !done && next != nullptr)
+        problem.simulator.mechanics().dynamic() && base.entries.size() == 1 && !done && next != nullptr &&
+        !problem.out_of_time())
         add(causes, search_on_top_of(problem, nominal, *next, causes));
     const std::optional<Cause> best =
         !larger.empty() && larger.front().fit.usable ? std::optional(larger.front()) : std::nullopt;
     if (best) add(causes, std::move(larger));
+    if (problem.out_of_time()) return ended();
     if (!after.made && !done && begins_otherwise())
         after = search_after_beginning(problem, nominal, *screening.of_beginning, false, causes);
-    if (best && !after.suffices && may_exchange(problem, base, *best)) {
+    if (best && !after.suffices && !problem.out_of_time() && may_exchange(problem, base, *best)) {
         const Cause rest = without_first(problem, nominal, *best, causes);
         if (rest.fit.usable) {
             keep_better(causes, rest);

@@ -36,10 +36,11 @@ struct Scene {
             for (std::size_t a = 0; a < 3; ++a) observed[3 * (f * test::kToyMarkers + 5) + a] = NAN;
     }
     GapRecording recording() { return {"toy", &body, &camera, observed, kNoise, 1}; }
-    Result<Diagnosis> run(std::vector<const char*> excluded = {}, int max_effects = 3) {
+    Result<Diagnosis> run(std::vector<const char*> excluded = {}, int max_effects = 3, double work_limit_s = 0.0) {
         DiagnosisOptions options;
         options.excluded = excluded;
         options.max_effects = max_effects;
+        options.work_limit_s = work_limit_s;
         const GapRecording one = recording();
         effects.emplace(body, &camera, options.excluded);
         return diagnose({&one, 1}, *effects, options);
@@ -111,6 +112,25 @@ TEST(Diagnosis, ForceLikeCauseIsNamedPlacedAndTimed) {
     EXPECT_GT(d->shrinkage.fraction, 0.8);
     EXPECT_LE(d->shrinkage.ci95[0], d->shrinkage.fraction);
     EXPECT_GE(d->shrinkage.ci95[1], d->shrinkage.fraction);
+}
+
+// Two effects, of which the time allows for one: an answer is given all the same, and says so.
+TEST(Diagnosis, SearchEndsWhenTheTimeIsUsedUp) {
+    const std::vector<double> v{0.15, -0.1, -0.35, 0.08, 0.03, 5.3}, shift{0.004, -0.003, 0.005};
+    Scene scene({{test::ToyBody::kUnknownLoad, v}}, {{test::ToyCamera::kRegistration, shift}});
+    const auto whole = scene.run(), cut = scene.run({}, 3, 1e-6);
+    ASSERT_TRUE(whole && cut);
+    EXPECT_FALSE(whole->cut_short);
+    EXPECT_EQ(scene.names(*whole), (Names{"registration", "unknown_load"})) << listing(*whole, *scene.effects);
+    EXPECT_TRUE(cut->cut_short);
+    const auto fitted = [](const Diagnosis& d) {
+        return std::count_if(d.verdict.causes.begin(), d.verdict.causes.end(),
+                             [](const Cause& c) { return c.fit.usable; });
+    };
+    EXPECT_EQ(fitted(*cut), 2) << listing(*cut, *scene.effects);
+    EXPECT_GE(fitted(*whole), 4);
+    ASSERT_NE(cut->named(), nullptr);
+    EXPECT_EQ(cut->named()->entries.size(), 1u);
 }
 
 // By first order the force is best placed where no fit leads away from; a tilt is better than what is left there.
