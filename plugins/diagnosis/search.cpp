@@ -15,6 +15,7 @@ namespace {
 constexpr std::size_t kPolished = 2;
 constexpr int kIterations = 8, kFurtherIterations = 6;  // of a refit
 constexpr double kOutOfReach = 15.0;    // nats between a fitted cause and the screening of one that need not be fitted
+constexpr double kHopeless = 8.0;       // nats by which one more effect is worse than what is known: not worth finishing
 constexpr double kMost = 0.9;           // explained: the search need not go on
 constexpr std::size_t kSecondLook = 3;  // effects fitted besides if it has to
 constexpr double kLeastExplained = 0.02;  // of the nominal cost, by first order: less is not worth a fit
@@ -243,7 +244,8 @@ void finish(Problem& problem, const Fit& nominal, const Base* base, const Screen
     const auto report = stage(problem.options, "finishing the best");
     report(0.0);
     sort_by_score(causes);
-    if (!causes.empty() && !problem.out_of_time()) {
+    if (causes.empty() || (base != nullptr && causes.front().score < base->known.score - kHopeless)) return;
+    if (!problem.out_of_time()) {
         Cause* rival = placed_rival(problem, screening, size, causes);
         try_other_places(problem, nominal, base, screening, rival != nullptr ? *rival : causes.front());
         sort_by_score(causes);
@@ -375,10 +377,10 @@ bool look_again(Problem& problem, const Fit& nominal, const Screening& screening
             problem, nominal, screening, [&](double part) { return report(0.5 * part); }, causes);
     const auto in_question = [&](std::size_t entry) {
         const EffectEntry& effect = problem.simulator.effects()[entry];
-        const bool fitted = fitted_alone(causes, entry) != nullptr;
+        const Cause* alone = fitted_alone(causes, entry);
         if (!effect.support()) return false;
-        if (offset) return !fitted && !effect.info.event;
-        return fitted && (told.empty() || std::find(told.begin(), told.end(), entry) != told.end());
+        if (offset) return !effect.info.event && (alone == nullptr || alone->score < best_before - kOutOfReach);
+        return alone != nullptr && (told.empty() || std::find(told.begin(), told.end(), entry) != told.end());
     };
     std::vector<const EffectScreening*> supports;
     for (const EffectScreening& effect : screening.effects)

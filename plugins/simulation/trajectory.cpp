@@ -316,20 +316,21 @@ void Trajectory::gradient_of_rest(const ExternalActions& actions, std::size_t fr
                 (base_->a[frame].segment<3>(3 * i) + scene.rayleigh_mass_1_s * base_->v[frame].segment<3>(3 * i));
 }
 
-void Trajectory::enter_frame(const Hypothesis& h, std::size_t f, ViscousMemory& memory,
+void Trajectory::enter_frame(const Hypothesis& h, std::size_t f, const ViscousMemory& memory,
                              ExternalActions& actions) const {
     player_->enter(time_s(f), h, effects_, actions);
     Scene& scene = player_->scene();
-    if (scene.viscosity.empty()) return;
     memory.enter_step(scene.viscosity, player_->step_s(f), scene.body_points());
+}
+
+void Trajectory::leave_frame(std::size_t f, const std::vector<ViscousBranch>& viscosity, ViscousMemory& memory) const {
+    if (viscosity.empty()) return;
+    const Body& body = player_->scene().parts.body;
     std::vector<std::vector<double>> S;
-    const BaseTrajectory::FrameState& state = base_->stresses_at(f, scene.parts.body);
+    const BaseTrajectory::FrameState& state = base_->stresses_at(f, body);
     for (std::size_t s = 0; s < state.size(); ++s)
-        if (scene.parts.body.points()[s].part.shear != 0.0) S.emplace_back(state[s].S.begin(), state[s].S.end());
-    std::vector<const std::vector<double>*> stress;
-    stress.reserve(S.size());
-    for (const auto& s : S) stress.push_back(&s);
-    memory.finish_step(scene.viscosity, player_->step_s(f), stress);
+        if (body.points()[s].part.shear != 0.0) S.emplace_back(state[s].S.begin(), state[s].S.end());
+    memory.finish_step(viscosity, player_->step_s(f), S);
 }
 
 // Tangent of the scene as it is now; a diagonal shift where it is indefinite.
@@ -365,6 +366,7 @@ void Trajectory::prepare_compliances_at(const std::vector<std::size_t>& knots, s
         enter_frame(base_->at.hypothesis(), f, memory, actions);
         for (std::size_t k = first; k < knots.size(); k += stride)
             if (knots[k] == f) prepare_compliance(actions, base_->x[f], points, base_->compliance[k]);
+        leave_frame(f, player_->scene().viscosity, memory);
     }
 }
 
@@ -463,6 +465,7 @@ void Trajectory::change_of_gradient(const Hypothesis& h, const ExternalActions& 
                 if (!now.prestress.empty()) S[i] += now.prestress[6 * q + i];
                 if (!prestress.empty()) S[i] -= prestress[6 * q + i];
             }
+            if (std::all_of(std::begin(S), std::end(S), [](double s) { return s == 0.0; })) continue;
             Matrix3d S2;
             S2 << S[0], S[3], S[4], S[3], S[1], S[5], S[4], S[5], S[2];
             const Matrix3d F = Eigen::Map<const Eigen::Matrix3f>(&state.F[9 * q]).cast<double>();
@@ -532,11 +535,13 @@ void Trajectory::visit_changes(const std::vector<HypothesisPoint>& others, const
     const Hypothesis h = base_->at.hypothesis();
     ViscousMemory base_memory;
     std::vector<ViscousMemory> memory(others.size());
+    std::vector<char> own(others.size(), 0);  // whose viscosity is not the base's; at the first frame all are at rest
     Coefficients base;
     ExternalActions actions;
     VectorXd dg;
     for (std::size_t f = 0; f < num_frames(); ++f) {
         enter_frame(h, f, base_memory, actions);
+        const std::vector<ViscousBranch> viscosity = scene.viscosity;
         base.body_touched = scene.body_touched;
         base.ties_touched = scene.ties_touched;
         base.scale.clear();
@@ -556,10 +561,13 @@ void Trajectory::visit_changes(const std::vector<HypothesisPoint>& others, const
         base.g_ties.setZero(base.g_rest.size());
         add_tether_gradient(scene.parts.tethers, h.theta.data(), base_->x[f].data(), base.g_ties.data(), &energy, 1, 1);
         for (std::size_t k = 0; k < others.size(); ++k) {
-            enter_frame(others[k].hypothesis(), f, memory[k], actions);
+            enter_frame(others[k].hypothesis(), f, own[k] ? memory[k] : base_memory, actions);
+            if (f == 0 && scene.viscosity != viscosity) own[k] = true;
+            if (own[k]) leave_frame(f, scene.viscosity, memory[k]);
             change_of_gradient(others[k].hypothesis(), actions, f, base, dg);
             visit(f, k, base, dg);
         }
+        leave_frame(f, viscosity, base_memory);
     }
 }
 

@@ -101,7 +101,10 @@ class Trajectory final : public TrajectoryModel {
     bool factorise(const Hypothesis& h, const ExternalActions& actions, const Eigen::VectorXd& x,
                    Cholesky& factor) const;
     // The scene of a hypothesis at a frame of the base trajectory, with the memory it has there.
-    void enter_frame(const Hypothesis& h, std::size_t frame, ViscousMemory& memory, ExternalActions& actions) const;
+    void enter_frame(const Hypothesis& h, std::size_t frame, const ViscousMemory& memory,
+                     ExternalActions& actions) const;
+    // The memory of such a scene after that frame.
+    void leave_frame(std::size_t frame, const std::vector<ViscousBranch>& viscosity, ViscousMemory& memory) const;
     void gradient_of_rest(const ExternalActions& actions, std::size_t frame, Eigen::VectorXd& g) const;
     void change_of_gradient(const Hypothesis& h, const ExternalActions& actions, std::size_t frame,
                             const Coefficients& base, Eigen::VectorXd& dg) const;

@@ -50,21 +50,24 @@ void elastic_stress(const StrainPoints& set, const Material& material, const dou
 void ViscousMemory::enter_step(const std::vector<ViscousBranch>& branches, double h,
                                std::vector<StrainPoints>& points) const {
     if (branches.empty()) return;
+    double gain = 0.0;
+    std::vector<double> keep;
+    for (const auto& branch : branches) {
+        const StepFactors of_branch = factors(branch, h);
+        gain += of_branch.gain;
+        keep.push_back(of_branch.keep);
+    }
     std::size_t k = 0;
     for (auto& set : points) {
         if (set.part.shear == 0.0) continue;
-        double gain = 0.0;
-        for (const auto& branch : branches) gain += factors(branch, h).gain;
         if (k < past_.size()) {
             const Past& past = past_[k];
-            set.prestress.assign(6 * set.size(), 0.0);
+            set.prestress.resize(6 * set.size());
+            for (std::size_t i = 0; i < set.prestress.size(); ++i) set.prestress[i] = -gain * past.S[i];
+            for (std::size_t b = 0; b < branches.size() && b < past.H.size(); ++b)
+                for (std::size_t i = 0; i < set.prestress.size(); ++i) set.prestress[i] += keep[b] * past.H[b][i];
             for (std::size_t q = 0; q < set.size(); ++q)
-                for (std::size_t i = 6 * q; i < 6 * q + 6; ++i) {
-                    double s = -gain * past.S[i];
-                    for (std::size_t b = 0; b < branches.size() && b < past.H.size(); ++b)
-                        s += factors(branches[b], h).keep * past.H[b][i];
-                    set.prestress[i] = set.stiffness_scale[q] * s;
-                }
+                for (std::size_t i = 6 * q; i < 6 * q + 6; ++i) set.prestress[i] *= set.stiffness_scale[q];
         }
         for (auto& s : set.stiffness_scale) s *= 1.0 + gain;
         ++k;
@@ -72,20 +75,20 @@ void ViscousMemory::enter_step(const std::vector<ViscousBranch>& branches, doubl
 }
 
 void ViscousMemory::finish_step(const std::vector<ViscousBranch>& branches, double h,
-                                const std::vector<const std::vector<double>*>& S) {
+                                const std::vector<std::vector<double>>& S) {
     if (branches.empty()) return;
     past_.resize(S.size());
     for (std::size_t k = 0; k < S.size(); ++k) {
         Past& past = past_[k];
-        if (past.S.empty()) past.S.assign(S[k]->size(), 0.0);
+        if (past.S.empty()) past.S.assign(S[k].size(), 0.0);
         past.H.resize(branches.size());
         for (std::size_t b = 0; b < branches.size(); ++b) {
-            past.H[b].resize(S[k]->size(), 0.0);
+            past.H[b].resize(S[k].size(), 0.0);
             const auto [keep, gain] = factors(branches[b], h);
-            for (std::size_t i = 0; i < S[k]->size(); ++i)
-                past.H[b][i] = keep * past.H[b][i] + gain * ((*S[k])[i] - past.S[i]);
+            for (std::size_t i = 0; i < S[k].size(); ++i)
+                past.H[b][i] = keep * past.H[b][i] + gain * (S[k][i] - past.S[i]);
         }
-        past.S = *S[k];
+        past.S = S[k];
     }
 }
 
@@ -95,9 +98,7 @@ void ViscousMemory::finish_step(const std::vector<ViscousBranch>& branches, doub
     std::vector<std::vector<double>> S;
     for (const auto& set : body.points())
         if (set.part.shear != 0.0) elastic_stress(set, body.material(), x, S.emplace_back(), nullptr, nullptr);
-    std::vector<const std::vector<double>*> pointers;
-    for (const auto& s : S) pointers.push_back(&s);
-    finish_step(branches, h, pointers);
+    finish_step(branches, h, S);
 }
 
 }  // namespace teres

@@ -21,6 +21,8 @@ namespace teres {
 struct ViscousBranch {
     double strength = 0.0;  ///< g [-], or eta [s] when time_constant_s is 0
     double time_constant_s = 0.0;
+
+    bool operator==(const ViscousBranch&) const = default;
 };
 
 /// S_e of every point of a set at x (3N), 6 per point: xx yy zz xy xz yz [Pa], of the bare law with the set's
@@ -37,7 +39,7 @@ class ViscousMemory {
     void enter_step(const std::vector<ViscousBranch>& branches, double h, std::vector<StrainPoints>& points) const;
     /// After the step: the elastic stress S of every shear set (in their order), at its end.
     void finish_step(const std::vector<ViscousBranch>& branches, double h,
-                     const std::vector<const std::vector<double>*>& S);
+                     const std::vector<std::vector<double>>& S);
     void finish_step(const std::vector<ViscousBranch>& branches, double h, const Body& body, const double* x);
 
   private:
