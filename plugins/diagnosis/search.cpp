@@ -241,10 +241,10 @@ Cause* placed_rival(const Problem& problem, const Screening& screening, std::siz
 void finish(Problem& problem, const Fit& nominal, const Base* base, const Screening& screening,
             std::vector<Cause>& causes) {
     const std::size_t size = base != nullptr ? base->known.entries.size() + 1 : 1;
-    const auto report = stage(problem.options, "finishing the best");
-    report(0.0);
     sort_by_score(causes);
     if (causes.empty() || (base != nullptr && causes.front().score < base->known.score - kHopeless)) return;
+    const auto report = stage(problem.options, "finishing the best");
+    report(0.0);
     if (!problem.out_of_time()) {
         Cause* rival = placed_rival(problem, screening, size, causes);
         try_other_places(problem, nominal, base, screening, rival != nullptr ? *rival : causes.front());
@@ -377,10 +377,10 @@ bool look_again(Problem& problem, const Fit& nominal, const Screening& screening
             problem, nominal, screening, [&](double part) { return report(0.5 * part); }, causes);
     const auto in_question = [&](std::size_t entry) {
         const EffectEntry& effect = problem.simulator.effects()[entry];
-        const Cause* alone = fitted_alone(causes, entry);
+        const bool fitted = fitted_alone(causes, entry) != nullptr;
         if (!effect.support()) return false;
-        if (offset) return !effect.info.event && (alone == nullptr || alone->score < best_before - kOutOfReach);
-        return alone != nullptr && (told.empty() || std::find(told.begin(), told.end(), entry) != told.end());
+        if (offset) return !fitted && !effect.info.event;
+        return fitted && (told.empty() || std::find(told.begin(), told.end(), entry) != told.end());
     };
     std::vector<const EffectScreening*> supports;
     for (const EffectScreening& effect : screening.effects)
