@@ -150,19 +150,26 @@ void close_on_held_out(Diagnosis& out, Forecast& forecast, const Fit& best, cons
     out.best_wrong_effects = ids(effects, wrong->entries);
 }
 
-// Whether what is named leaves several times as much of the frames held out as of those fitted, or as the model may be
-// off: it stands for something else, or something begins late that a large gap hid from nominal_fit().
-bool fails_later(Problem& problem, const Diagnosis& d) {
-    const Cause* named = d.named();
+// Whether a cause leaves several times as much of the frames held out as of those fitted, or as the model may be off: it
+// stands for something else, or something begins late that a large gap hid from nominal_fit().
+bool fails_later(const Problem& problem, const Cause* cause) {
     const Recording& r = problem.recording;
-    if (named == nullptr || !r.held_markers.empty() || problem.simulator.mechanics().dynamic()) return false;
+    if (cause == nullptr || !r.held_markers.empty() || problem.simulator.mechanics().dynamic()) return false;
     const double floor = problem.floor.total() / problem.whitener.inverse_sigma().squaredNorm();
-    return mean_square(r, named->fit.trajectory, r.held_rows) >
-           kLateRatio * std::max(floor, mean_square(r, named->fit.trajectory, r.fit_rows));
+    return mean_square(r, cause->fit.trajectory, r.held_rows) >
+           kLateRatio * std::max(floor, mean_square(r, cause->fit.trajectory, r.fit_rows));
 }
 
-// Nominal fit, search, verdict. `before`: what was named when other data were held out, one more rival; or null.
-Result<void> find_causes(Problem& problem, const GapRecording& recording, const EffectTable& effects,
+// The best cause if something is there, be it `unknown` that is more probable; or null.
+const Cause* leading(const Verdict& verdict) {
+    const bool something = !verdict.causes.empty() && verdict.causes.front().fit.usable &&
+                           verdict.causes.front().probability > verdict.none_probability;
+    return something ? &verdict.causes.front() : nullptr;
+}
+
+// Nominal fit, search, verdict. `before`: what failed later when other data were held out, one more rival; or null.
+// Returns what fails later now: all is to be searched again, with other data held out.
+Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& recording, const EffectTable& effects,
                          const Cause* before, Diagnosis& out) {
     const DiagnosisOptions& options = problem.options;
     // What the nominal model can explain, and whether anything is left.
@@ -196,22 +203,24 @@ Result<void> find_causes(Problem& problem, const GapRecording& recording, const 
             if (enough || problem.out_of_time() || !search_further(problem, out.nominal, out.screening, causes)) break;
         }
     };
-    const auto judged = [&] { return judge(causes, out.nominal.compared_cost(), problem.floor, options.calibration); };
     const auto judge_now = [&] {
-        out.verdict = judged();
-        return !fails_later(problem, out);  // else all is searched again, with other data held out
+        out.verdict = judge(causes, out.nominal.compared_cost(), problem.floor, options.calibration);
     };
-    if (judge_now() && !causes.empty()) {
+    judge_now();
+    const Cause* best = leading(out.verdict);
+    if (!causes.empty() && !fails_later(problem, best)) {
         add_more();
-        if (judge_now() && out.nominal.cost > problem.floor.total() && !problem.out_of_time() &&
+        judge_now();
+        if (!fails_later(problem, out.named()) && out.nominal.cost > problem.floor.total() && !problem.out_of_time() &&
             look_again(problem, out.nominal, out.screening, causes)) {
             add_more();
-            out.verdict = judged();
+            judge_now();
         }
+        best = out.named();
     }
     problem.beside = nullptr;
     out.significant = out.verdict.none_probability < 0.5;
-    return {};
+    return fails_later(problem, best) ? std::optional<Cause>(*best) : std::nullopt;
 }
 
 }  // namespace
@@ -240,13 +249,11 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     const WorkLimit limit(options.work_limit_s);
     problem.limit = &limit;
 
-    TERES_TRY(find_causes(problem, recordings[0], effects, nullptr, out));
-    if (fails_later(problem, out) && !problem.out_of_time()) {  // then what is held out is needed to tell why: markers are held out instead
-        const Cause before = *out.named();
-        out.recording.hold_out_markers(before.fit.trajectory);
-        TERES_TRY(find_causes(problem, recordings[0], effects, &before, out));
+    TERES_TRY_ASSIGN(const std::optional<Cause> before, find_causes(problem, recordings[0], effects, nullptr, out));
+    if (before && !problem.out_of_time()) {  // what is held out is needed to tell why: markers are held out instead
+        out.recording.hold_out_markers(before->fit.trajectory);
+        TERES_TRY(find_causes(problem, recordings[0], effects, &*before, out));
     }
-
     out.cut_short = limit.cut_short();
 
     // Where it lies, how far it closes on what was held out, whether it carries over.
