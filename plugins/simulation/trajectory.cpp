@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <future>
 #include <numeric>
 #include <utility>
@@ -30,6 +31,7 @@ constexpr double kNoMotion = 1e-12;          // m
 constexpr std::size_t kSolvedShare = 3;      // approximate(): one in so many frames is solved
 constexpr std::size_t kFewFrames = 24;       // ... of more than these
 constexpr double kFirstShift = 1e-8;         // of the mean diagonal of an indefinite tangent
+constexpr std::size_t kLookedAtTogether = 64;  // strain points, for what changed
 constexpr std::size_t kFewShared = 8;        // frames that are not worth another thread
 
 }  // namespace
@@ -320,6 +322,7 @@ void Trajectory::enter_frame(const Hypothesis& h, std::size_t f, const ViscousMe
                              ExternalActions& actions) const {
     player_->enter(time_s(f), h, effects_, actions);
     Scene& scene = player_->scene();
+    if (scene.viscosity.empty()) return;  // body_points() counts as a change of the body
     memory.enter_step(scene.viscosity, player_->step_s(f), scene.body_points());
 }
 
@@ -454,8 +457,15 @@ void Trajectory::change_of_gradient(const Hypothesis& h, const ExternalActions& 
         const double mu = now.part.shear * scene.parts.body.material().mu();
         const double b_now = now.stiffening != 0.0 ? now.stiffening / mu : 0.0,
                      b_was = base.stiffening[s] != 0.0 ? base.stiffening[s] / mu : 0.0;
-        const bool past = !now.prestress.empty() || !prestress.empty();
+        const bool past = !now.prestress.empty() || !prestress.empty(), same_law = b_now == b_was && !past;
         for (std::size_t q = 0; q < now.size(); ++q) {
+            if (same_law && q % kLookedAtTogether == 0) {
+                const std::size_t count = std::min(kLookedAtTogether, now.size() - q);
+                if (std::memcmp(&now.stiffness_scale[q], &scale[q], count * sizeof(double)) == 0) {
+                    q += count - 1;
+                    continue;
+                }
+            }
             const double psi = state.psi[q];
             const double c = now.stiffness_scale[q] * (1.0 + b_now * psi) - scale[q] * (1.0 + b_was * psi);
             if (c == 0.0 && !past) continue;
