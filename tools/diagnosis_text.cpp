@@ -24,7 +24,9 @@ void print_gap(const Json& j) {
     std::printf("%s: gap %.2f mm, floor of noise and model error %.2f mm\n", j["case"].get<std::string>().c_str(),
                 gap["rms_mm"].get<double>(), gap["noise_floor_mm"].get<double>());
     if (j["evidence"]["cut_short"].get<bool>())
-        std::printf("  cut short at the limit of processor time (diagnosis.work_limit_s): not all was tried\n");
+        std::printf(
+            "  cut short at the limit of processor time (diagnosis.work_limit_s; with inertia work_limit_dynamic_s): "
+            "not all was tried\n");
     std::printf("  %-44s %11s   %s\n", "answer", "probability", "inseparable here");
     struct Row {
         std::string name;
