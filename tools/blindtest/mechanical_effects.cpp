@@ -62,14 +62,15 @@ struct Draw {
 };
 
 // One-sided law f = slope * w ln(1 + exp((x - start) / w)): zero well below `start`, a straight line well above.
-// Rounded, because Newton's steps of many springs with a sharp corner chase one another.
-std::vector<std::pair<double, double>> one_sided(double start_m, double slope, double sign) {
-    constexpr double kWidth = 0.0007;
+// Rounded, because Newton's steps of many springs with a sharp corner chase one another; where it starts within some w
+// of rest, it pushes at rest.
+std::vector<std::pair<double, double>> one_sided(double start_m, double slope, double sign, double width_m = 0.0007) {
     std::vector<std::pair<double, double>> table;
-    for (const double x : {-0.1, -0.006, -0.004, -0.003, -0.002, -0.0015, -0.001, -0.0005, 0.0, 0.0005, 0.001, 0.0015,
-                           0.002, 0.003, 0.004, 0.1})
-        table.emplace_back(sign * (start_m + x),
-                           sign * slope * (x > 0.01 ? x : kWidth * std::log1p(std::exp(x / kWidth))));
+    const auto add = [&](double x, double f) { table.emplace_back(sign * (start_m + x), sign * slope * f); };
+    add(-0.1, 0.0);
+    for (const double x : {-8.6, -5.7, -4.3, -2.9, -2.1, -1.4, -0.7, 0.0, 0.7, 1.4, 2.1, 2.9, 4.3, 5.7})
+        add(x * width_m, width_m * std::log1p(std::exp(x)));
+    add(0.1, 0.1);
     if (sign < 0.0) std::reverse(table.begin(), table.end());
     return table;
 }
@@ -251,11 +252,12 @@ Status contact(Draw& d) {  // springs that only push, beyond a gap; beside a loa
     const Point& near = d.body.regions()[d.random.index(d.body.regions().size())].centre_m;
     const Point centre = d.surface_point(minus(near, d.body.shape().centre()), 0.02);
     const double radius = d.random.uniform(0.020, 0.030), gap = d.random.uniform(0.0, 0.0015);
-    constexpr double kPush = 3e6, kFar = 0.2;  // [Pa/m], [m]
+    constexpr double kPush = 3e6, kFar = 0.2, kWidth = 0.0002;  // [Pa/m], [m]
+    constexpr double kClear = 3.0 * kWidth;                     // of its rounded begin: no push at rest
     const Facets facets = d.disk(centre, radius);
     if (facets.size() < 2) return not_usable("contact covers no facet");
-    d.s.beds.push_back({facets, 0.0, kFar, one_sided(gap, kPush, -1.0)});
-    d.truth.parameters["gap_m"] = gap;
+    d.s.beds.push_back({facets, 0.0, kFar, one_sided(gap + kClear, kPush, -1.0, kWidth)});
+    d.truth.parameters["gap_m"] = gap + kClear;
     d.place(centre, radius);
     return {};
 }
