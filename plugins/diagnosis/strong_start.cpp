@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 namespace teres {
 namespace {
@@ -11,6 +12,7 @@ namespace {
 constexpr std::size_t kFewPlaces = 9, kBestPlaces = 3;
 constexpr std::array kSizes{1.0, 3.0};  // of a candidate
 constexpr std::size_t kTrialFrames = 10;
+constexpr std::size_t kFewFrames = 3, kTriedFully = 4;  // starts that look best at a few frames go on to all of them
 
 // The candidate's amplitudes times `size`, each to the side of null on which `start` lies.
 ActiveEffect grown(const EffectEntry& entry, const ActiveEffect& candidate, const ActiveEffect& start, double size) {
@@ -22,6 +24,13 @@ ActiveEffect grown(const EffectEntry& entry, const ActiveEffect& candidate, cons
         const double signed_size = (start.values[p] - null) * (full - null) < 0.0 ? -size : size;
         out.values[p] = std::clamp(at_share(parameter, full, signed_size), parameter.lower, parameter.upper);
     }
+    return out;
+}
+
+// So many of them, evenly.
+std::vector<std::int32_t> spread_over(std::span<const std::int32_t> frames, std::size_t count) {
+    std::vector<std::int32_t> out;
+    for (std::size_t k = 1; k <= count; ++k) out.push_back(frames[k * frames.size() / count - 1]);
     return out;
 }
 
@@ -64,11 +73,23 @@ double left_at(const Problem& problem, std::span<const std::int32_t> frames, con
 
 std::optional<StrongStart> best_strong_start(Problem& problem, std::span<const std::int32_t> frames,
                                              const std::vector<Assumption>& starts) {
-    std::vector<double> left(starts.size(), std::numeric_limits<double>::infinity());
-    side_by_side(problem, starts.size(), [&](Problem& p, std::size_t k) {
-        Eigen::VectorXd trajectory;
-        if (p.simulator.simulate_at(starts[k], frames, trajectory)) left[k] = left_at(p, frames, trajectory);
-    });
+    std::vector<double> left(starts.size());
+    const auto try_at = [&](std::span<const std::int32_t> which, const std::vector<std::size_t>& tried) {
+        left.assign(starts.size(), std::numeric_limits<double>::infinity());
+        side_by_side(problem, tried.size(), [&](Problem& p, std::size_t k) {
+            Eigen::VectorXd trajectory;
+            const std::size_t start = tried[k];
+            if (p.simulator.simulate_at(starts[start], which, trajectory)) left[start] = left_at(p, which, trajectory);
+        });
+    };
+    std::vector<std::size_t> tried(starts.size());
+    std::iota(tried.begin(), tried.end(), std::size_t{0});
+    if (starts.size() > kTriedFully && frames.size() > kFewFrames) {
+        try_at(spread_over(frames, kFewFrames), tried);
+        std::stable_sort(tried.begin(), tried.end(), [&](std::size_t a, std::size_t b) { return left[a] < left[b]; });
+        tried.resize(kTriedFully);
+    }
+    try_at(frames, tried);
     const auto best = std::min_element(left.begin(), left.end());
     if (best == left.end() || !std::isfinite(*best)) return {};
     return StrongStart{starts[static_cast<std::size_t>(best - left.begin())], *best};

@@ -98,6 +98,21 @@ TEST(StrongStart, TheBestLeavesTheLeast) {
     EXPECT_FALSE(best_strong_start(problem, plate.frames, {plate.at(0.6)}));
 }
 
+TEST(StrongStart, OfManyOnlyTheBestAtAFewFramesAreSimulatedAtAll) {
+    SoftPlate plate;
+    Problem problem = plate.problem();
+    std::vector<Assumption> starts;
+    for (int k = 0; k < 12; ++k) starts.push_back(plate.at(0.1 + 0.12 * k));  // 0.58 is next to the truth
+    plate.body.simulations = 0;
+    const auto best = best_strong_start(problem, plate.frames, starts);
+    ASSERT_TRUE(best);
+    EXPECT_DOUBLE_EQ(best->at.effects[0].values[0], 0.58);
+    EXPECT_EQ(plate.body.simulations, 12 + 4);
+    Eigen::VectorXd whole;
+    ASSERT_TRUE(plate.simulator.simulate(best->at, whole));
+    EXPECT_NEAR(best->left, left_at(problem, plate.frames, whole), 1e-9 * best->left);  // of all frames, not of three
+}
+
 TEST(StrongStart, OnlyTheListedFramesCount) {
     SoftPlate plate;
     const Problem problem = plate.problem();
