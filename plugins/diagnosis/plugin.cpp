@@ -147,8 +147,7 @@ class DiagnosisPlugin final : public Unit, public GapDiagnosis {
         options.cache = request.cache_folder != nullptr ? request.cache_folder : "";
         options.max_effects = request.max_effects;
         options.num_refits = settings.num_refits;
-        options.work_limit_s =
-            first.mechanics->dynamic() ? settings.work_limit_dynamic_s : settings.work_limit_s;
+        options.work_limit_s = first.mechanics->dynamic() ? settings.work_limit_dynamic_s : settings.work_limit_s;
         if (request.progress != nullptr)
             options.progress = [&](const char* stage, double part) {
                 return request.progress(request.user, stage, part);

@@ -27,10 +27,10 @@ ActiveEffect grown(const EffectEntry& entry, const ActiveEffect& candidate, cons
     return out;
 }
 
-// So many of them, evenly.
-std::vector<std::int32_t> spread_over(std::span<const std::int32_t> frames, std::size_t count) {
+// The last of each of `count` equal parts of what is before `end`.
+std::vector<std::int32_t> evenly(std::size_t count, std::size_t end) {
     std::vector<std::int32_t> out;
-    for (std::size_t k = 1; k <= count; ++k) out.push_back(frames[k * frames.size() / count - 1]);
+    for (std::size_t k = 1; k <= count; ++k) out.push_back(static_cast<std::int32_t>(k * end / count - 1));
     return out;
 }
 
@@ -56,10 +56,7 @@ std::vector<Assumption> strong_starts(const EffectTable& effects, const EffectSc
 }
 
 std::vector<std::int32_t> trial_frames(std::size_t end) {
-    std::vector<std::int32_t> frames;
-    const std::size_t count = std::min(kTrialFrames, end);
-    for (std::size_t k = 1; k <= count; ++k) frames.push_back(static_cast<std::int32_t>(k * end / count - 1));
-    return frames;
+    return evenly(std::min(kTrialFrames, end), end);
 }
 
 double left_at(const Problem& problem, std::span<const std::int32_t> frames, const Eigen::VectorXd& trajectory) {
@@ -85,7 +82,9 @@ std::optional<StrongStart> best_strong_start(Problem& problem, std::span<const s
     std::vector<std::size_t> tried(starts.size());
     std::iota(tried.begin(), tried.end(), std::size_t{0});
     if (starts.size() > kTriedFully && frames.size() > kFewFrames) {
-        try_at(spread_over(frames, kFewFrames), tried);
+        std::vector<std::int32_t> few = evenly(kFewFrames, frames.size());
+        for (std::int32_t& f : few) f = frames[static_cast<std::size_t>(f)];
+        try_at(few, tried);
         std::stable_sort(tried.begin(), tried.end(), [&](std::size_t a, std::size_t b) { return left[a] < left[b]; });
         tried.resize(kTriedFully);
     }

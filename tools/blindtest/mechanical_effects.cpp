@@ -253,7 +253,7 @@ Status contact(Draw& d) {  // springs that only push, beyond a gap; beside a loa
     const Point centre = d.surface_point(minus(near, d.body.shape().centre()), 0.02);
     const double radius = d.random.uniform(0.020, 0.030), gap = d.random.uniform(0.0, 0.0015);
     constexpr double kPush = 3e6, kFar = 0.2, kWidth = 0.0002;  // [Pa/m], [m]
-    constexpr double kClear = 3.0 * kWidth;                     // of its rounded begin: no push at rest
+    constexpr double kClear = 3.0 * kWidth;  // of its rounded begin: at rest it pushes with 30 Pa at most
     const Facets facets = d.disk(centre, radius);
     if (facets.size() < 2) return not_usable("contact covers no facet");
     d.s.beds.push_back({facets, 0.0, kFar, one_sided(gap + kClear, kPush, -1.0, kWidth)});
