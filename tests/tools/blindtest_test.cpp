@@ -21,6 +21,7 @@
 #include "tests/support/test_data.h"
 #include "tools/blindtest/body_shape.h"
 #include "tools/blindtest/case_maker.h"
+#include "tools/blindtest/effect_draws.h"
 #include "tools/blindtest/lattice_mesher.h"
 #include "tools/blindtest/score_report.h"
 #include "tools/blindtest/scoring.h"
@@ -163,6 +164,37 @@ TEST(Seal, IsSha256) {  // FIPS 180-2, appendix B.1
 }
 
 // By hand: d = (3, 4) in two frames, explained direction (1, 1): the rest is (-0.5, 0.5).
+// A contact that pushes at rest is a steady force, whatever its label says.
+TEST(MechanicalEffects, AContactPushesOnlyWhatRunsIntoIt) {
+    TERES_REQUIRE_CALCULIX();
+    const ScratchFolder scratch;
+    const auto body = TruthBody::make({.seed = 3}, scratch.path());
+    ASSERT_TRUE(body) << body.error().text;
+    Random random(5, {});
+    int drawn = 0;
+    for (int draw = 0; draw < 5; ++draw) {
+        Scenario scenario = body->control();
+        const std::size_t beds = scenario.beds.size();
+        const auto truth = draw_mechanics("contact", random, *body, scenario, scratch.path());
+        if (!truth) continue;  // no facet there
+        ASSERT_EQ(scenario.beds.size(), beds + 1);
+        const auto& law = scenario.beds.back().elongation_stress;
+        const auto stress_pa = [&](double elongation_m) {
+            const auto after =
+                std::find_if(law.begin(), law.end(), [&](const auto& p) { return p.first > elongation_m; });
+            const auto [x1, s1] = *after;
+            const auto [x0, s0] = *std::prev(after);
+            return std::lerp(s0, s1, (elongation_m - x0) / (x1 - x0));
+        };
+        const double gap = truth->parameters.at("gap_m");
+        EXPECT_LT(std::abs(stress_pa(0.0)), 50.0);
+        EXPECT_NEAR(stress_pa(-gap - 0.003), -3e6 * 0.003, 100.0);  // as far in as loads push a surface
+        EXPECT_EQ(std::lround(stress_pa(0.01)), 0);
+        ++drawn;
+    }
+    EXPECT_GE(drawn, 3);
+}
+
 TEST(Gap, LeavesOutWhatTheLigamentExplains) {
     const auto one_marker = [](double a, double b) { return Frames{{{a, 0.0, 0.0}}, {{b, 0.0, 0.0}}}; };
     const Frames d = one_marker(3.0, 4.0);
