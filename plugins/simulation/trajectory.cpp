@@ -3,7 +3,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <future>
 #include <numeric>
 #include <utility>
@@ -31,7 +30,6 @@ constexpr double kNoMotion = 1e-12;          // m
 constexpr std::size_t kSolvedShare = 3;      // approximate(): one in so many frames is solved
 constexpr std::size_t kFewFrames = 24;       // ... of more than these
 constexpr double kFirstShift = 1e-8;         // of the mean diagonal of an indefinite tangent
-constexpr std::size_t kLookedAtTogether = 64;  // strain points, for what changed
 constexpr std::size_t kFewShared = 8;        // frames that are not worth another thread
 
 }  // namespace
@@ -265,14 +263,15 @@ MatrixXd Trajectory::motions_under(const Hypothesis& h) const {
 
     const std::size_t every = std::max<std::size_t>(1, F / kStaticFrames);
     MatrixXd statics = MatrixXd::Zero(pattern.num_rows(), static_cast<Eigen::Index>((F + every - 1) / every));
-    visit_changes({point_between(base_->at, h, 1.0, effects_)}, [&](std::size_t f, std::size_t, const Coefficients&,
-                                                                    const VectorXd& dg) {
-        if (f % every != 0) return;
-        for (Eigen::Index i = 0; i < dg.size() / 3; ++i)
-            if (const auto row = pattern.free_index(static_cast<NodeIndex>(i)); row >= 0)
-                statics.col(static_cast<Eigen::Index>(f / every)).segment<3>(3 * static_cast<Eigen::Index>(row)) =
-                    dg.segment<3>(3 * i);
-    });
+    about_base().visit(
+        {point_between(base_->at, h, 1.0, effects_)},
+        [&](std::size_t f, std::size_t, const GradientChange::Coefficients&, const VectorXd& dg) {
+            if (f % every != 0) return;
+            for (Eigen::Index i = 0; i < dg.size() / 3; ++i)
+                if (const auto row = pattern.free_index(static_cast<NodeIndex>(i)); row >= 0)
+                    statics.col(static_cast<Eigen::Index>(f / every)).segment<3>(3 * static_cast<Eigen::Index>(row)) =
+                        dg.segment<3>(3 * i);
+        });
     base_->tangent->solve(statics);
 
     const MatrixXd modes = all_nodes(base_->modal->modes()), changes = all_nodes(statics);
@@ -293,47 +292,6 @@ TrajectoryReport Trajectory::move_in_subspace(const Hypothesis& h, std::span<dou
     SubspaceSolver subspace(player_->model().system(), player_->settings().model.equilibrium, motions_under(h));
     whole_ = std::exchange(base_, std::make_shared<BaseTrajectory>());
     return play_all(h, markers_m, {}, {}, &subspace);
-}
-
-// Gradient of obstacles, loads, tools, pressure and inertia (3N, held nodes included).
-void Trajectory::gradient_of_rest(const ExternalActions& actions, std::size_t frame, VectorXd& g) const {
-    const Scene& scene = player_->scene();
-    const double* x = base_->x[frame].data();
-    double energy = 0.0;
-    g.setZero(actions.force_n.size());
-    if (scene.has_pressure()) scene.add_pressure_force(x, g.data());
-    g = -(g + actions.force_n).eval();
-    scene.obstacles.add_gradient(x, g.data(), &energy, 1, 1);
-    for (std::size_t k = 0; k < scene.parts.tools.size(); ++k) {
-        const auto& tool = scene.parts.tools[k];
-        const Vector3d target = actions.tool_position_m.col(static_cast<Eigen::Index>(k));
-        if (target.allFinite())
-            g.segment<3>(3 * tool.node) +=
-                tool.stiffness_n_per_m * (Eigen::Map<const Vector3d>(x + 3 * tool.node) - target);
-    }
-    if (scene.dynamic)  // M (a + r_M v)
-        for (Eigen::Index i = 0; i < scene.parts.node_mass_kg.size(); ++i)
-            g.segment<3>(3 * i) +=
-                scene.parts.node_mass_kg(i) *
-                (base_->a[frame].segment<3>(3 * i) + scene.rayleigh_mass_1_s * base_->v[frame].segment<3>(3 * i));
-}
-
-void Trajectory::enter_frame(const Hypothesis& h, std::size_t f, const ViscousMemory& memory,
-                             ExternalActions& actions) const {
-    player_->enter(time_s(f), h, effects_, actions);
-    Scene& scene = player_->scene();
-    if (scene.viscosity.empty()) return;  // body_points() counts as a change of the body
-    memory.enter_step(scene.viscosity, player_->step_s(f), scene.body_points());
-}
-
-void Trajectory::leave_frame(std::size_t f, const std::vector<ViscousBranch>& viscosity, ViscousMemory& memory) const {
-    if (viscosity.empty()) return;
-    const Body& body = player_->scene().parts.body;
-    std::vector<std::vector<double>> S;
-    const BaseTrajectory::FrameState& state = base_->stresses_at(f, body);
-    for (std::size_t s = 0; s < state.size(); ++s)
-        if (body.points()[s].part.shear != 0.0) S.emplace_back(state[s].S.begin(), state[s].S.end());
-    memory.finish_step(viscosity, player_->step_s(f), S);
 }
 
 // Tangent of the scene as it is now; a diagonal shift where it is indefinite.
@@ -365,11 +323,12 @@ void Trajectory::prepare_compliances_at(const std::vector<std::size_t>& knots, s
                                         bool points) const {
     ExternalActions actions;
     ViscousMemory memory;
+    const GradientChange changes = about_base();
     for (std::size_t f = 0; f < base_->x.size(); ++f) {
-        enter_frame(base_->at.hypothesis(), f, memory, actions);
+        changes.enter_frame(base_->at.hypothesis(), f, memory, actions);
         for (std::size_t k = first; k < knots.size(); k += stride)
             if (knots[k] == f) prepare_compliance(actions, base_->x[f], points, base_->compliance[k]);
-        leave_frame(f, player_->scene().viscosity, memory);
+        changes.leave_frame(f, player_->scene().viscosity, memory);
     }
 }
 
@@ -434,58 +393,6 @@ bool Trajectory::prepare_modes(bool points) const {
     return true;
 }
 
-// dg = g(x; scene as it is now) - g(x; base). Points of the body whose coefficients are the base's are not
-// touched:
-//     P = F ( s (1 + b psi) S_e + S0 )
-void Trajectory::change_of_gradient(const Hypothesis& h, const ExternalActions& actions, std::size_t frame,
-                                    const Coefficients& base, VectorXd& dg) const {
-    const Scene& scene = player_->scene();
-    gradient_of_rest(actions, frame, dg);
-    dg -= base.g_rest;
-    const bool same_theta = std::equal(h.theta.begin(), h.theta.end(), base_->at.theta.begin(), base_->at.theta.end());
-    if (scene.ties_touched || base.ties_touched || !same_theta) {
-        double energy = 0.0;
-        dg -= base.g_ties;
-        add_tether_gradient(scene.parts.tethers, h.theta.data(), base_->x[frame].data(), dg.data(), &energy, 1, 1);
-    }
-    if (!scene.body_touched && !base.body_touched) return;
-    const auto& sets = scene.parts.body.points();
-    for (std::size_t s = 0; s < sets.size(); ++s) {
-        const StrainPoints& now = sets[s];
-        const BaseTrajectory::BodyState& state = base_->stresses_at(frame, scene.parts.body)[s];
-        const auto &scale = base.scale[s], &prestress = base.prestress[s];
-        const double mu = now.part.shear * scene.parts.body.material().mu();
-        const double b_now = now.stiffening != 0.0 ? now.stiffening / mu : 0.0,
-                     b_was = base.stiffening[s] != 0.0 ? base.stiffening[s] / mu : 0.0;
-        const bool past = !now.prestress.empty() || !prestress.empty(), same_law = b_now == b_was && !past;
-        for (std::size_t q = 0; q < now.size(); ++q) {
-            if (same_law && q % kLookedAtTogether == 0) {
-                const std::size_t count = std::min(kLookedAtTogether, now.size() - q);
-                if (std::memcmp(&now.stiffness_scale[q], &scale[q], count * sizeof(double)) == 0) {
-                    q += count - 1;
-                    continue;
-                }
-            }
-            const double psi = state.psi[q];
-            const double c = now.stiffness_scale[q] * (1.0 + b_now * psi) - scale[q] * (1.0 + b_was * psi);
-            if (c == 0.0 && !past) continue;
-            double S[6];
-            for (std::size_t i = 0; i < 6; ++i) {
-                S[i] = c * state.S[6 * q + i];
-                if (!now.prestress.empty()) S[i] += now.prestress[6 * q + i];
-                if (!prestress.empty()) S[i] -= prestress[6 * q + i];
-            }
-            if (std::all_of(std::begin(S), std::end(S), [](double s) { return s == 0.0; })) continue;
-            Matrix3d S2;
-            S2 << S[0], S[3], S[4], S[3], S[1], S[5], S[4], S[5], S[2];
-            const Matrix3d F = Eigen::Map<const Eigen::Matrix3f>(&state.F[9 * q]).cast<double>();
-            const Matrix3d P = now.volume[q] * F * S2;
-            for (auto i = static_cast<std::size_t>(now.offset[q]); i < static_cast<std::size_t>(now.offset[q + 1]); ++i)
-                dg.segment<3>(3 * now.node[i]) += P * Eigen::Map<const Vector3d>(&now.gradient[3 * i]);
-        }
-    }
-}
-
 bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<double> markers_m,
                              std::span<double> points_m) noexcept {
     if (base_->x.empty()) return false;
@@ -511,74 +418,33 @@ bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<doubl
     std::vector<ModalResponse::State> motion(others.size());
     const auto& pattern = player_->model().system().pattern();
     VectorXd force = VectorXd::Zero(pattern.num_rows()), dz, dp;
-    visit_changes(points, [&](std::size_t f, std::size_t k, const Coefficients& base, const VectorXd& dg) {
-        const BaseTrajectory::Compliance& C = base_->compliance[base_->nearest[f]];
-        dz.setZero(static_cast<Eigen::Index>(M));
-        dp.setZero(static_cast<Eigen::Index>(with_points ? P : 0));
-        force.setZero();
-        for (Eigen::Index i = 0; i < dg.size() / 3; ++i) {
-            const auto node = pattern.free_index(static_cast<NodeIndex>(i));
-            if (node < 0 || dg.segment<3>(3 * i).isZero(0.0)) continue;
-            force.segment<3>(3 * node) = dg.segment<3>(3 * i) / -kDerivativeStep;
-            const Eigen::Vector3f part = force.segment<3>(3 * node).cast<float>();
-            dz += (C.markers.middleCols<3>(3 * node) * part).cast<double>();
-            if (with_points) dp += (C.points.middleCols<3>(3 * node) * part).cast<double>();
-        }
-        if (scene.dynamic) {
-            const VectorXd modal = base_->modal->modes().transpose() * force;
-            base_->modal->advance(motion[k], modal, player_->step_s(f), base.rayleigh_mass_1_s,
-                                  base.rayleigh_stiffness_s);
-            const VectorXd beyond = motion[k].q - modal.cwiseQuotient(base_->modal->omega().cwiseAbs2());
-            dz += base_->modal_markers * beyond;
-            if (with_points) dp += base_->modal_points * beyond;
-            if (f == 0) dz.setZero(), dp.setZero();  // released as it lies
-        }
-        std::copy_n(dz.data(), M, &markers_m[(k * F + f) * M]);
-        if (with_points) std::copy_n(dp.data(), P, &points_m[(k * F + f) * P]);
-    });
+    about_base().visit(
+        points, [&](std::size_t f, std::size_t k, const GradientChange::Coefficients& base, const VectorXd& dg) {
+            const BaseTrajectory::Compliance& C = base_->compliance[base_->nearest[f]];
+            dz.setZero(static_cast<Eigen::Index>(M));
+            dp.setZero(static_cast<Eigen::Index>(with_points ? P : 0));
+            force.setZero();
+            for (Eigen::Index i = 0; i < dg.size() / 3; ++i) {
+                const auto node = pattern.free_index(static_cast<NodeIndex>(i));
+                if (node < 0 || dg.segment<3>(3 * i).isZero(0.0)) continue;
+                force.segment<3>(3 * node) = dg.segment<3>(3 * i) / -kDerivativeStep;
+                const Eigen::Vector3f part = force.segment<3>(3 * node).cast<float>();
+                dz += (C.markers.middleCols<3>(3 * node) * part).cast<double>();
+                if (with_points) dp += (C.points.middleCols<3>(3 * node) * part).cast<double>();
+            }
+            if (scene.dynamic) {
+                const VectorXd modal = base_->modal->modes().transpose() * force;
+                base_->modal->advance(motion[k], modal, player_->step_s(f), base.rayleigh_mass_1_s,
+                                      base.rayleigh_stiffness_s);
+                const VectorXd beyond = motion[k].q - modal.cwiseQuotient(base_->modal->omega().cwiseAbs2());
+                dz += base_->modal_markers * beyond;
+                if (with_points) dp += base_->modal_points * beyond;
+                if (f == 0) dz.setZero(), dp.setZero();  // released as it lies
+            }
+            std::copy_n(dz.data(), M, &markers_m[(k * F + f) * M]);
+            if (with_points) std::copy_n(dp.data(), P, &points_m[(k * F + f) * P]);
+        });
     return true;
-}
-
-// Frame by frame, the change of the gradient at the base trajectory when its hypothesis gives way to each other one.
-void Trajectory::visit_changes(const std::vector<HypothesisPoint>& others, const ChangeVisitor& visit) const {
-    Scene& scene = player_->scene();
-    const Hypothesis h = base_->at.hypothesis();
-    ViscousMemory base_memory;
-    std::vector<ViscousMemory> memory(others.size());
-    std::vector<char> own(others.size(), 0);  // whose viscosity is not the base's; at the first frame all are at rest
-    Coefficients base;
-    ExternalActions actions;
-    VectorXd dg;
-    for (std::size_t f = 0; f < num_frames(); ++f) {
-        enter_frame(h, f, base_memory, actions);
-        const std::vector<ViscousBranch> viscosity = scene.viscosity;
-        base.body_touched = scene.body_touched;
-        base.ties_touched = scene.ties_touched;
-        base.scale.clear();
-        base.prestress.clear();
-        base.stiffening.clear();
-        for (const auto& set : scene.parts.body.points()) {
-            base.scale.push_back(set.stiffness_scale);
-            base.prestress.push_back(set.prestress);
-            base.stiffening.push_back(set.stiffening);
-        }
-        base.rayleigh_mass_1_s = scene.rayleigh_mass_1_s;
-        base.rayleigh_stiffness_s = 0.0;
-        for (const auto& branch : scene.viscosity)
-            if (branch.time_constant_s == 0.0) base.rayleigh_stiffness_s += branch.strength;
-        gradient_of_rest(actions, f, base.g_rest);
-        double energy = 0.0;
-        base.g_ties.setZero(base.g_rest.size());
-        add_tether_gradient(scene.parts.tethers, h.theta.data(), base_->x[f].data(), base.g_ties.data(), &energy, 1, 1);
-        for (std::size_t k = 0; k < others.size(); ++k) {
-            enter_frame(others[k].hypothesis(), f, own[k] ? memory[k] : base_memory, actions);
-            if (f == 0 && scene.viscosity != viscosity) own[k] = true;
-            if (own[k]) leave_frame(f, scene.viscosity, memory[k]);
-            change_of_gradient(others[k].hypothesis(), actions, f, base, dg);
-            visit(f, k, base, dg);
-        }
-        leave_frame(f, viscosity, base_memory);
-    }
 }
 
 bool Trajectory::marker_compliance(std::int32_t node, std::span<double> out) const noexcept {
@@ -606,10 +472,11 @@ bool Trajectory::effect_forces(std::size_t which, std::span<double> rms_n) const
     for (std::size_t k = 0, v = 0; k < base_->at.effects.size(); ++k)
         if (k != which) without.effects.push_back({base_->at.effects[k].index, without.values[v++]});
     std::fill(rms_n.begin(), rms_n.end(), 0.0);
-    visit_changes({without}, [&](std::size_t, std::size_t, const Coefficients&, const VectorXd& dg) {
-        for (std::size_t i = 0; i < rms_n.size(); ++i)
-            rms_n[i] += dg.segment<3>(3 * static_cast<Eigen::Index>(i)).squaredNorm();
-    });
+    about_base().visit({without},
+                       [&](std::size_t, std::size_t, const GradientChange::Coefficients&, const VectorXd& dg) {
+                           for (std::size_t i = 0; i < rms_n.size(); ++i)
+                               rms_n[i] += dg.segment<3>(3 * static_cast<Eigen::Index>(i)).squaredNorm();
+                       });
     for (double& f : rms_n) f = std::sqrt(f / static_cast<double>(num_frames()));
     return true;
 }

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "plugins/simulation/base_trajectory.h"
+#include "plugins/simulation/gradient_change.h"
 #include "plugins/simulation/model_variants.h"
 #include "plugins/simulation/scene_player.h"
 
@@ -70,19 +71,7 @@ class Trajectory final : public TrajectoryModel {
     const std::vector<std::unique_ptr<Effect>>& effects() const { return effects_; }
 
   private:
-    // A scene's coefficients at a frame: all that its gradient depends on besides the body's state.
-    struct Coefficients {
-        bool body_touched = false, ties_touched = false;
-        std::vector<std::vector<double>> scale, prestress;
-        std::vector<double> stiffening;
-        Eigen::VectorXd g_ties, g_rest;  // gradient of tethers, of all but body and tethers (3N)
-        double rayleigh_mass_1_s = 0.0, rayleigh_stiffness_s = 0.0;
-    };
-
     Trajectory() = default;
-    using ChangeVisitor =
-        std::function<void(std::size_t frame, std::size_t other, const Coefficients& base, const Eigen::VectorXd& dg)>;
-    void visit_changes(const std::vector<HypothesisPoint>& others, const ChangeVisitor& visit) const;
     TrajectoryReport play_all(const Hypothesis& h, std::span<double> markers_m, std::span<double> points_m,
                               std::span<double> nodes_m, SubspaceSolver* subspace);
     TrajectoryReport play_frames(const Hypothesis& h, std::span<const std::int32_t> frames,
@@ -98,16 +87,9 @@ class Trajectory final : public TrajectoryModel {
     bool can_respond(bool points) const;
     template <class Theirs, class Ours>
     void beside_twin(const Theirs& theirs, const Ours& ours) const;
+    GradientChange about_base() const { return {*player_, effects_, *base_}; }
     bool factorise(const Hypothesis& h, const ExternalActions& actions, const Eigen::VectorXd& x,
                    Cholesky& factor) const;
-    // The scene of a hypothesis at a frame of the base trajectory, with the memory it has there.
-    void enter_frame(const Hypothesis& h, std::size_t frame, const ViscousMemory& memory,
-                     ExternalActions& actions) const;
-    // The memory of such a scene after that frame.
-    void leave_frame(std::size_t frame, const std::vector<ViscousBranch>& viscosity, ViscousMemory& memory) const;
-    void gradient_of_rest(const ExternalActions& actions, std::size_t frame, Eigen::VectorXd& g) const;
-    void change_of_gradient(const Hypothesis& h, const ExternalActions& actions, std::size_t frame,
-                            const Coefficients& base, Eigen::VectorXd& dg) const;
 
     Case case_;
     PlayerSettings settings_;
