@@ -21,7 +21,20 @@ struct Cholesky::Impl {
     cholmod_dense* E = nullptr;
     bool ready = false;
 
-    explicit Impl(const BlockPattern& p) : pattern(p) {}
+    explicit Impl(const BlockPattern& p) : pattern(p) {
+        cholmod_start(&common);
+        common.print = 0;
+        common.supernodal = CHOLMOD_SUPERNODAL;
+        common.nmethods = 0;  // try the user's, AMD and METIS orderings, keep the best
+        common.error_handler = nullptr;
+    }
+    ~Impl() {
+        cholmod_free_dense(&X, &common);
+        cholmod_free_dense(&Y, &common);
+        cholmod_free_dense(&E, &common);
+        cholmod_free_factor(&factor, &common);
+        cholmod_finish(&common);
+    }
 
     cholmod_sparse view(const double* values) const {
         cholmod_sparse A{};
@@ -43,23 +56,19 @@ struct Cholesky::Impl {
 };
 
 Cholesky::Cholesky(const BlockPattern& pattern) : impl_(std::make_unique<Impl>(pattern)) {
-    cholmod_start(&impl_->common);
-    impl_->common.print = 0;
-    impl_->common.supernodal = CHOLMOD_SUPERNODAL;
-    impl_->common.nmethods = 0;  // try the user's, AMD and METIS orderings, keep the best
-    impl_->common.error_handler = nullptr;
     cholmod_sparse A = impl_->view(nullptr);
     impl_->factor = cholmod_analyze(&A, &impl_->common);
     TERES_CHECK(impl_->factor != nullptr);
 }
 
-Cholesky::~Cholesky() {
-    cholmod_free_dense(&impl_->X, &impl_->common);
-    cholmod_free_dense(&impl_->Y, &impl_->common);
-    cholmod_free_dense(&impl_->E, &impl_->common);
-    cholmod_free_factor(&impl_->factor, &impl_->common);
-    cholmod_finish(&impl_->common);
+Cholesky::Cholesky(const Cholesky& other) : impl_(std::make_unique<Impl>(other.impl_->pattern)) {
+    impl_->factor = cholmod_copy_factor(other.impl_->factor, &impl_->common);
+    TERES_CHECK(impl_->factor != nullptr);
+    impl_->common.lnz = other.impl_->common.lnz;
+    impl_->ready = other.impl_->ready;
 }
+
+Cholesky::~Cholesky() = default;
 
 namespace {
 

@@ -27,7 +27,8 @@ class Cholesky {
     /// reference to it.
     explicit Cholesky(const BlockPattern& pattern);
     ~Cholesky();
-    Cholesky(const Cholesky&) = delete;
+    /// [setup] Order and factor of another of the same pattern.
+    Cholesky(const Cholesky& other);
     Cholesky& operator=(const Cholesky&) = delete;
 
     /// [loop] False if the matrix is not positive definite; then solve() must not be called.

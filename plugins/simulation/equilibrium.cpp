@@ -98,10 +98,6 @@ EquilibriumSolver::EquilibriumSolver(const MechanicalSystem& system, Equilibrium
 
 EquilibriumSolver::~EquilibriumSolver() = default;
 
-void EquilibriumSolver::invalidate() {
-    w_ = std::make_unique<Workspace>(system_, settings_, w_->max_lanes);
-}
-
 void EquilibriumSolver::release_system() noexcept {
     if (w_->renewal) w_->renewal->release_system();
 }

@@ -61,11 +61,10 @@ class EquilibriumSolver {
 
     const SolverTimes& times() const { return times_; }
 
-    /// [loop] Forgets the shared factorisation and makes all workspaces anew (another length of the time step).
-    void invalidate();
     /// [loop] Before the system changes: no thread in the background looks at it any more.
     void release_system() noexcept;
-    /// [loop] After a change of the system with its pattern kept: the next call begins with a factorisation.
+    /// [loop] After a change of the system with its pattern kept, or of the step: the next call begins with a
+    /// factorisation.
     void follow_system() noexcept;
 
   private:

@@ -15,6 +15,7 @@ constexpr double kDependent = 1e-6;  // columns shorter than this share of the l
 constexpr double kArmijo = 1e-4;
 constexpr double kEnergyNoise = 1e-12;
 constexpr int kMaxBacktracks = 6;
+constexpr double kSameInertia = 0.02;  // metrics of inertia that differs by less serve each other: they only steer
 
 MatrixXd orthonormal(const MatrixXd& columns) {
     const Eigen::ColPivHouseholderQR<MatrixXd> qr(columns.colwise().normalized());
@@ -80,7 +81,8 @@ EquilibriumReport SubspaceSolver::solve(const ExternalActions& actions, const In
                                         double* x) noexcept {
     EquilibriumReport report;
     const std::size_t stride = padded_lanes(1);
-    if (coefficient_ != inertia.coefficient && !start_metric(actions, inertia, theta, x)) return report;
+    const bool same_inertia = std::abs(coefficient_ - inertia.coefficient) <= kSameInertia * inertia.coefficient;
+    if (!same_inertia && !start_metric(actions, inertia, theta, x)) return report;
     double energy = evaluate(actions, inertia, theta, x, r_);
     const double bound = relative_residual_ * actions.force_n.norm();
     for (; r_.norm() > bound && report.iterations < max_iterations_; ++report.iterations) {

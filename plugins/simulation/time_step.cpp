@@ -1,8 +1,13 @@
 #include "plugins/simulation/time_step.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace teres {
+
+namespace {
+constexpr double kSameStep = 0.01;  // steps that differ by less share a factorisation: it only steers the solver
+}  // namespace
 
 std::size_t state_blocks(TimeScheme scheme) {
     switch (scheme) {
@@ -43,8 +48,8 @@ EquilibriumReport TimeStepper::step(const ExternalActions& actions, double h, co
     double* v = state + size;
     double* a = state + 2 * size;  // generalised alpha only
     if (settings_.scheme == TimeScheme::kQuasiStatic) return solver_.solve(actions, {}, theta, x, lanes);
-    if (h != last_dt_s_ && subspace_ == nullptr) {  // the shared factorisation belongs to one step length
-        solver_.invalidate();
+    if (subspace_ == nullptr && std::abs(h - last_dt_s_) > kSameStep * last_dt_s_) {
+        solver_.follow_system();
         last_dt_s_ = h;
     }
 

@@ -389,7 +389,7 @@ bool Trajectory::prepare_modes(bool points) const {
     base_->modal = std::make_unique<ModalResponse>(*factor_, mass, kModes);
     base_->modal_markers = marker_rows(player_->model(), middle.data()).transpose() * base_->modal->modes();
     base_->modal_points = point_rows(player_->model()).transpose() * base_->modal->modes();
-    base_->tangent = std::move(factor_);
+    base_->tangent = std::make_unique<Cholesky>(*factor_);
     return true;
 }
 

@@ -69,6 +69,23 @@ TEST(Cholesky, AFactorSolvesItsMatrix) {
     EXPECT_LT(worst_error(1.0), 1e-12);
 }
 
+TEST(Cholesky, ACopyKeepsItsFactorWhenTheFirstIsUsedAgain) {
+    const Springs springs(1.0), stiffer(3.0);
+    Cholesky first(springs.pattern);
+    ASSERT_TRUE(first.factorise(springs.values));
+    Cholesky copy(first);
+    ASSERT_TRUE(first.factorise(stiffer.values));
+    const Eigen::VectorXd truth = Eigen::VectorXd::LinSpaced(springs.pattern.num_rows(), -1.0, 2.0);
+    Eigen::VectorXd once = Eigen::VectorXd::Zero(truth.size()), thrice = once;
+    springs.pattern.multiply(springs.values, truth.data(), once.data());
+    stiffer.pattern.multiply(stiffer.values, truth.data(), thrice.data());
+    Eigen::MatrixXd by_copy = once, by_first = thrice;
+    copy.solve(by_copy);
+    first.solve(by_first);
+    EXPECT_LT((by_copy - truth).norm(), 1e-12 * truth.norm());
+    EXPECT_LT((by_first - truth).norm(), 1e-12 * truth.norm());
+}
+
 // A BLAS that is built without locks (Debian's libopenblas0-serial) gave errors of 0.3.
 TEST(Cholesky, TwoThreadsDoNotDisturbEachOther) {
     auto other = std::async(std::launch::async, [] { return worst_error(3.0); });

@@ -256,5 +256,22 @@ TEST(TimeStep, RayleighDampingDecaysAsTheoryPredicts) {
     }
 }
 
+// Stamps of a recording at a fixed rate differ in their last digits: that is no other step.
+TEST(TimeStep, StepsThatDifferByRoundingShareAFactorisation) {
+    const Case c = test::clamped_block({.quasi_static = false});
+    auto even = *CaseModel::make(c, {}), rounded = *CaseModel::make(c, {});
+    MatrixXd X = rest(*even, 1), Y = X, theta(0, 1);
+    const std::vector<double> force{0.0, 0.0, 0.05};
+    int factorisations = 0;
+    for (int k = 0; k < 10; ++k) {
+        advance(*even, force, theta, X, 0.01);
+        factorisations += advance(*rounded, force, theta, Y, 0.01 * (1.0 + (k % 3 - 1) * 1e-13)).factorisations;
+    }
+    EXPECT_EQ(factorisations, 1);
+    EXPECT_GT(X.norm(), 0.0);
+    EXPECT_LT((X - Y).norm(), 1e-6 * X.norm());
+    EXPECT_EQ(advance(*rounded, force, theta, Y, 0.02).factorisations, 1);
+}
+
 }  // namespace
 }  // namespace teres
