@@ -28,6 +28,31 @@ Pack lanewise(const Pack& v, F&& f) {
     return out;
 }
 
+// ln v = 2 artanh s, s = (v - 1)/(v + 1): to the last digit by eight terms where |s| <= 0.1, that is 0.82 < v < 1.22.
+// Not a number where v <= 0.
+Pack log_of(const Pack& v) {
+    constexpr double kSeries = 0.1;
+    const Pack s = (v - 1.0) / (v + 1.0), s2 = s * s;
+    bool near = true;
+    for (std::size_t l = 0; l < kPackLanes; ++l) near = near && s2[l] <= kSeries * kSeries;
+    if (!near)
+        return lanewise(v, [](double x) { return x > 0.0 ? std::log(x) : std::numeric_limits<double>::quiet_NaN(); });
+    Pack sum = Pack{} + 1.0 / 15.0;
+    for (int odd = 13; odd >= 1; odd -= 2) sum = sum * s2 + 1.0 / odd;
+    return 2.0 * s * sum;
+}
+
+// exp v to the last digit by its series where |v| <= 0.1.
+Pack exp_of(const Pack& v) {
+    constexpr double kSeries = 0.1;
+    bool near = true;
+    for (std::size_t l = 0; l < kPackLanes; ++l) near = near && std::abs(v[l]) <= kSeries;
+    if (!near) return lanewise(v, [](double x) { return std::exp(x); });
+    Pack sum = Pack{} + 1.0;
+    for (int n = 9; n >= 1; --n) sum = 1.0 + sum * v / n;
+    return sum;
+}
+
 // Stored column by column: F[a + 3 b].
 struct Gradient {
     Pack m[9];
@@ -76,8 +101,7 @@ Pack cofactors(const Gradient& F, Gradient& cof) {
 Pack neo_hookean(const Gradient& F, double mu, double lambda, Gradient& P) {
     Gradient cof;
     const Pack J = cofactors(F, cof);
-    const Pack log_j =
-        lanewise(J, [](double j) { return j > 0.0 ? std::log(j) : std::numeric_limits<double>::quiet_NaN(); });
+    const Pack log_j = log_of(J);
     const Pack factor = (lambda * log_j - mu) / J;
     Pack square = F.m[0] * F.m[0];
     for (int i = 1; i < 9; ++i) square += F.m[i] * F.m[i];
@@ -89,8 +113,7 @@ Pack neo_hookean(const Gradient& F, double mu, double lambda, Gradient& P) {
 Pack log_volume(const Gradient& F, double bulk, Gradient& P) {
     Gradient cof;
     const Pack J = cofactors(F, cof);
-    const Pack log_j =
-        lanewise(J, [](double j) { return j > 0.0 ? std::log(j) : std::numeric_limits<double>::quiet_NaN(); });
+    const Pack log_j = log_of(J);
     const Pack factor = bulk * log_j / J;
     for (int i = 0; i < 9; ++i) P.m[i] = factor * cof.m[i];
     return 0.5 * bulk * log_j * log_j;
@@ -159,10 +182,9 @@ Pack principal(const Material& material, PartWeights part, const Gradient& F, Gr
     if (material.law() == BodyLaw::kOgden) {
         const double alpha = material.alpha(), G = part.shear * material.mu(), K = part.volume * material.lambda();
         Pack log_l[3], e[3];
-        for (int i = 0; i < 3; ++i) log_l[i] = 0.5 * lanewise(c[i], [](double v) { return std::log(v); });
+        for (int i = 0; i < 3; ++i) log_l[i] = 0.5 * log_of(c[i]);
         const Pack log_j = log_l[0] + log_l[1] + log_l[2];
-        for (int i = 0; i < 3; ++i)
-            e[i] = lanewise(alpha * (log_l[i] - log_j / 3.0), [](double v) { return std::exp(v); });
+        for (int i = 0; i < 3; ++i) e[i] = exp_of(alpha * (log_l[i] - log_j / 3.0));
         const Pack sum = e[0] + e[1] + e[2];
         psi = 2.0 * G / (alpha * alpha) * (sum - 3.0) + 0.5 * K * log_j * log_j;
         for (int i = 0; i < 3; ++i) s[i] = (2.0 * G / alpha * (e[i] - sum / 3.0) + K * log_j) / c[i];
@@ -202,35 +224,39 @@ Pack evaluate(const Material& material, PartWeights part, const Gradient& F, Gra
     return principal(material, part, F, P);
 }
 
-// What effects add to a point (strain_points.h): stiffening of the shear law, stress of the past.
-void add_effects(const StrainPoints& points, const Material& material, std::size_t q, const Gradient& F, Gradient& P,
-                 Pack& psi) {
+bool adds_effects(const StrainPoints& points) {
+    return points.stiffening != 0.0 || !points.prestress.empty();
+}
+
+// What effects add (strain_points.h): stiffening of the shear law, stress of the past S (over the stiffness scale).
+void add_effects(const StrainPoints& points, const Material& material, const Pack (&S)[6], const Gradient& F,
+                 Gradient& P, Pack& psi) {
     if (points.stiffening != 0.0) {
         const double b = points.stiffening / (points.part.shear * material.mu());
         const Pack factor = 1.0 + b * psi;
         for (auto& p : P.m) p *= factor;
         psi *= 1.0 + 0.5 * b * psi;
     }
-    if (points.prestress.empty() || points.stiffness_scale[q] == 0.0) return;
+    if (points.prestress.empty()) return;
     constexpr int kIndex[3][3] = {{0, 3, 4}, {3, 1, 5}, {4, 5, 2}};
-    const double* S = &points.prestress[6 * q];
     for (int b = 0; b < 3; ++b) {
         Pack C_diagonal{};
         for (int a = 0; a < 3; ++a) {
             const Pack FS = F.m[a] * S[kIndex[0][b]] + F.m[a + 3] * S[kIndex[1][b]] + F.m[a + 6] * S[kIndex[2][b]];
-            P.m[a + 3 * b] += FS / points.stiffness_scale[q];
+            P.m[a + 3 * b] += FS;
             C_diagonal += F.m[a + 3 * b] * FS;  // sum over b: F : F S = C : S
         }
-        psi += 0.5 * (C_diagonal - S[b]) / points.stiffness_scale[q];
+        psi += 0.5 * (C_diagonal - S[b]);
     }
 }
 
-// One simulation alone (lane 0; the padding gets the same): the law is evaluated for kPackLanes points at once, and the
-// axes of a point's gradient take the place of lanes. Points that effects add to are left to the loop over lanes.
-bool adds_effects(const StrainPoints& points) {
-    return points.stiffening != 0.0 || !points.prestress.empty();
+double stress_of_the_past(const StrainPoints& points, std::size_t q, std::size_t i) {
+    if (points.prestress.empty() || points.stiffness_scale[q] == 0.0) return 0.0;
+    return points.prestress[6 * q + i] / points.stiffness_scale[q];
 }
 
+// One simulation alone (lane 0; the padding gets the same): the law is evaluated for kPackLanes points at once, and the
+// axes of a point's gradient take the place of lanes.
 void add_gradient_of_one_lane(std::span<const StrainPoints* const> sets, const PointRows& rows,
                               const Material& material, const double* x, double* gradient, double* spare,
                               double* energy, std::size_t stride) {
@@ -268,7 +294,15 @@ void add_gradient_of_one_lane(std::span<const StrainPoints* const> sets, const P
                 scale[j] = set->volume[q] * set->stiffness_scale[q];
             }
             Gradient P;
-            const Pack psi = evaluate(material, set->part, F, P), none{};
+            Pack psi = evaluate(material, set->part, F, P);
+            if (adds_effects(*set)) {
+                Pack S[6]{};
+                for (std::size_t j = 0; j < count; ++j)
+                    for (std::size_t i = 0; i < 6; ++i)
+                        S[i][j] = stress_of_the_past(*set, static_cast<std::size_t>(rows.point[k + j]), i);
+                add_effects(*set, material, S, F, P, psi);
+            }
+            const Pack none{};
             const auto there = scale != 0.0;  // elsewhere cut away: F may be anything
             total += there ? scale * psi : none;
             for (int m = 0; m < 9; ++m) sum.m[m] += there ? scale * P.m[m] : none;
@@ -313,7 +347,11 @@ void add_gradient_of_lanes(const StrainPoints& points, const PointRows& rows, co
             }
             Gradient P;
             Pack psi = evaluate(material, points.part, F, P);
-            add_effects(points, material, q, F, P, psi);
+            if (adds_effects(points)) {
+                Pack S[6];
+                for (std::size_t i = 0; i < 6; ++i) S[i] = Pack{} + stress_of_the_past(points, q, i);
+                add_effects(points, material, S, F, P, psi);
+            }
             store(energy + lane, load(energy + lane) + scale * psi);
             for (auto& p : P.m) p *= scale;
             for (auto i = first; i < last; ++i) {
@@ -335,8 +373,7 @@ TERES_MULTIVERSION
 void add_gradient_of_points(std::span<const StrainPoints* const> sets, const PointRows& rows, const Material& material,
                             const double* x, double* gradient, double* spare, double* energy, std::size_t stride,
                             std::size_t lanes) noexcept {
-    if (lanes == 1 && stride == kPackLanes &&
-        std::none_of(sets.begin(), sets.end(), [](const StrainPoints* set) { return adds_effects(*set); })) {
+    if (lanes == 1 && stride == kPackLanes) {
         add_gradient_of_one_lane(sets, rows, material, x, gradient, spare, energy, stride);
         return;
     }

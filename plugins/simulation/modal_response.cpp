@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <cmath>
+#include <utility>
 
 namespace teres {
 
@@ -11,20 +12,24 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 namespace {
-constexpr int kIterations = 12;      // of the subspace iteration
+constexpr int kMaxIterations = 12;   // of the subspace iteration ...
+constexpr double kSettled = 1e-5;    // ... which ends when no w^2 asked for changes by more than this share
 constexpr double kPhaseStep = 0.15;  // w h of a substep
 }  // namespace
 
 // Subspace iteration with Rayleigh-Ritz (Bathe, Finite Element Procedures, 11.6).
-ModalResponse::ModalResponse(Cholesky& K, const VectorXd& mass, Index count) {
+ModalResponse::ModalResponse(Cholesky& K, const VectorXd& mass, Index count, MatrixXd& subspace) {
     const Index rows = mass.size();
     count = std::min(count, rows);
-    MatrixXd X(rows, std::min(rows, count + 8));
-    for (Index j = 0; j < X.cols(); ++j)
-        for (Index i = 0; i < rows; ++i)
-            X(i, j) = std::sin(1.0 + 0.7 * double(i % 97) * double(j + 1) + double(i) * 0.013);
-    VectorXd lambda;
-    for (int iteration = 0; iteration < kIterations; ++iteration) {
+    MatrixXd& X = subspace;
+    if (X.rows() != rows || X.cols() != std::min(rows, count + 8)) {
+        X.resize(rows, std::min(rows, count + 8));
+        for (Index j = 0; j < X.cols(); ++j)
+            for (Index i = 0; i < rows; ++i)
+                X(i, j) = std::sin(1.0 + 0.7 * double(i % 97) * double(j + 1) + double(i) * 0.013);
+    }
+    VectorXd lambda = VectorXd::Zero(X.cols());
+    for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
         const MatrixXd MX = mass.asDiagonal() * X;
         MatrixXd Y = MX;
         K.solve(Y);
@@ -33,7 +38,8 @@ ModalResponse::ModalResponse(Cholesky& K, const VectorXd& mass, Index count) {
         const Eigen::GeneralizedSelfAdjointEigenSolver<MatrixXd> ritz(0.5 * (k + k.transpose()),
                                                                       0.5 * (m + m.transpose()));
         X = Y * ritz.eigenvectors();
-        lambda = ritz.eigenvalues();
+        const VectorXd before = std::exchange(lambda, ritz.eigenvalues());
+        if (((lambda - before).cwiseAbs() - kSettled * lambda.cwiseAbs()).head(count).maxCoeff() <= 0.0) break;
     }
     omega_ = lambda.head(count).cwiseMax(0.0).cwiseSqrt();
     modes_ = X.leftCols(count);

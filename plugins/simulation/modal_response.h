@@ -16,8 +16,9 @@ namespace teres {
 
 class ModalResponse {
   public:
-    /// K: factorised stiffness of the free rows; mass per free row; count: number of modes.
-    ModalResponse(Cholesky& K, const Eigen::VectorXd& mass, Eigen::Index count);
+    /// K: factorised stiffness of the free rows; mass per free row; count: number of modes. `subspace` is where the
+    /// search for them starts (anywhere if it is empty) and receives where it ended: the start of one nearby.
+    ModalResponse(Cholesky& K, const Eigen::VectorXd& mass, Eigen::Index count, Eigen::MatrixXd& subspace);
 
     Eigen::Index num_modes() const { return omega_.size(); }
     const Eigen::VectorXd& omega() const { return omega_; }  ///< ascending [rad/s]

@@ -386,7 +386,7 @@ bool Trajectory::prepare_modes(bool points) const {
     for (Eigen::Index i = 0; i < scene.parts.node_mass_kg.size(); ++i)
         if (const auto node = pattern.free_index(static_cast<NodeIndex>(i)); node >= 0)
             mass.segment<3>(3 * node).setConstant(scene.parts.node_mass_kg(i));
-    base_->modal = std::make_unique<ModalResponse>(*factor_, mass, kModes);
+    base_->modal = std::make_unique<ModalResponse>(*factor_, mass, kModes, modal_subspace_);
     base_->modal_markers = marker_rows(player_->model(), middle.data()).transpose() * base_->modal->modes();
     base_->modal_points = point_rows(player_->model()).transpose() * base_->modal->modes();
     base_->tangent = std::make_unique<Cholesky>(*factor_);

@@ -105,6 +105,7 @@ class Trajectory final : public TrajectoryModel {
     std::shared_ptr<const BaseTrajectory> guide_;  // the last of which every frame was solved
     bool share_ = false;
     mutable std::unique_ptr<Cholesky> factor_;  // of tangents at bases
+    mutable Eigen::MatrixXd modal_subspace_;    // of the last dynamic base
 };
 
 }  // namespace teres

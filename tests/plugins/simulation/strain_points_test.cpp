@@ -106,6 +106,36 @@ TEST_P(EveryElement, PassesThePatchTest) {
     }
 }
 
+// What effects add to points is added to a simulation alone as to one of a batch.
+TEST_P(EveryElement, EffectsOnPointsAreThoseOfABatch) {
+    const TetMesh mesh = distorted_block();
+    BodyData b;
+    b.law = BodyLaw::kNeoHookean;
+    b.youngs_modulus_pa = 21e3;
+    b.poissons_ratio = 0.45;
+    Body body(make_strain_points(mesh, GetParam(), 0.5), *Material::make(b));
+    for (auto& set : body.points()) {
+        if (set.part.shear != 0.0) set.stiffening = 5e4;
+        for (std::size_t q = 0; q < set.size(); ++q) {
+            set.stiffness_scale[q] = q % 7 == 3 ? 0.0 : 1.0 + 0.5 * std::sin(double(q));
+            for (std::size_t i = 0; i < 6; ++i) set.prestress.push_back(300.0 * std::cos(double(6 * q + i)));
+        }
+    }
+    const Positions X = GetParam() == ElementType::kQuadratic ? make_quadratic(mesh).X : mesh.X;
+    const PointShares shares(body.points(), X, 1);
+    const auto dofs = static_cast<std::size_t>(X.size());
+    std::vector<double> x(dofs * kPackLanes), batch(x.size(), 0.0), alone = batch, energy(kPackLanes, 0.0),
+        energy_alone = energy;
+    for (std::size_t d = 0; d < dofs; ++d)
+        std::fill_n(&x[d * kPackLanes], kPackLanes, X.data()[d] + 0.0008 * std::sin(1.7 * double(d)));
+    body.add_gradient(shares, 0, x.data(), batch.data(), nullptr, energy.data(), kPackLanes, kPackLanes);
+    body.add_gradient(shares, 0, x.data(), alone.data(), nullptr, energy_alone.data(), kPackLanes, 1);
+    const double size = *std::max_element(batch.begin(), batch.end());
+    EXPECT_GT(size, 0.0);
+    for (std::size_t i = 0; i < alone.size(); ++i) ASSERT_NEAR(alone[i], batch[i], 1e-13 * size + 1e-18);
+    EXPECT_NEAR(energy_alone[0], energy[0], 1e-12 * std::abs(energy[0]));
+}
+
 // The tangent of the assembled body is the derivative of its gradient.
 TEST_P(EveryElement, TangentIsGradientDerivative) {
     const TetMesh mesh = *TetMesh::make(test::block_mesh({0.02, 0.02, 0.02}, {2, 1, 1}));
