@@ -8,6 +8,7 @@
 #include "plugins/diagnosis/learned_error.h"
 #include "plugins/diagnosis/search.h"
 #include "plugins/diagnosis/search_further.h"
+#include "plugins/diagnosis/share_work.h"
 
 namespace teres {
 namespace {
@@ -17,34 +18,51 @@ constexpr double kNearlyAll = 0.97;  // explained: nothing is left for one more 
 
 // A recording as far as it goes under assumptions that were fitted elsewhere or on its beginning.
 struct Forecast {
+    struct Known {
+        Assumption at;
+        Eigen::VectorXd trajectory;
+        std::vector<double> points_m;
+    };
     Recording recording;
     Simulator simulator;
     bool beginning_fitted = false;  // else fits of this recording know their trajectories
-    std::vector<std::pair<Assumption, Eigen::VectorXd>> known{};
+    std::optional<Simulator> beside{};
+    std::vector<Known> known{};
 
     static Result<Forecast> make(const GapRecording& from, const EffectTable& effects, std::size_t first_held) {
         const GapRecording all = whole_of(from);
         TERES_TRY_ASSIGN(Recording recording, make_recording(all));
         const bool beginning = from.whole_mechanics != nullptr;
         if (beginning) recording.hold_out_frames(first_held);
-        return Forecast{std::move(recording), Simulator(*all.mechanics, all.sensors, effects), beginning};
+        Forecast out{std::move(recording), Simulator(*all.mechanics, all.sensors, effects), beginning};
+        if (beginning && all.mechanics->twin() != nullptr)
+            out.beside.emplace(*all.mechanics->twin(), all.sensors, effects);
+        return out;
     }
-    const Eigen::VectorXd* find(const Assumption& at) const {
-        for (const auto& [assumption, trajectory] : known)
-            if (assumption.theta == at.theta && assumption.effects == at.effects) return &trajectory;
+    const Known* find(const Assumption& at) const {
+        for (const Known& k : known)
+            if (k.at.theta == at.theta && k.at.effects == at.effects) return &k;
         return nullptr;
     }
-    Eigen::VectorXd of(const Fit& fit) {
-        return beginning_fitted || find(fit.at) != nullptr ? under(fit.at) : fit.trajectory;
+    /// Simulates what is not known of these, two at once where the model has a twin.
+    void follow(std::span<const Assumption> list) {
+        const std::size_t before = known.size();
+        for (const Assumption& at : list)
+            if (find(at) == nullptr) known.push_back({at, {}, {}});
+        share_work(beside.has_value(), known.size() - before, [&](std::size_t who, std::size_t k) {
+            Known& next = known[before + k];
+            (who == 0 ? simulator : *beside).simulate(next.at, next.trajectory, &next.points_m, nullptr);
+        });
     }
-    Eigen::VectorXd under(const Assumption& at) {
-        if (const Eigen::VectorXd* trajectory = find(at)) return *trajectory;
-        known.emplace_back(at, Eigen::VectorXd{});
-        simulator.simulate(at, known.back().second);
-        return known.back().second;
+    const Known& under(const Assumption& at) {
+        follow({&at, 1});
+        return *find(at);
+    }
+    Eigen::VectorXd of(const Fit& fit) {
+        return beginning_fitted || find(fit.at) != nullptr ? under(fit.at).trajectory : fit.trajectory;
     }
     double rms_m(const Assumption& at) {
-        return gap_rms_m(recording.observed, under(at), recording.seen_rows(), recording.noise_m);
+        return gap_rms_m(recording.observed, under(at).trajectory, recording.seen_rows(), recording.noise_m);
     }
 };
 
@@ -97,14 +115,34 @@ void close_on_held_out(Diagnosis& out, Forecast& forecast, const Fit& best, cons
     const EffectTable& effects = problem.simulator.effects();
     const Cause* named = out.named();
     const Recording& all = out.predicted = forecast.recording;
+    const auto family_is_named = [&](const Cause& cause) {
+        return std::any_of(named->entries.begin(), named->entries.end(), [&](std::size_t e) {
+            return std::string_view(effects[e].info.family) == effects[cause.entries[0]].info.family;
+        });
+    };
+    const Cause* wrong = nullptr;
+    std::vector<const Cause*> steps;  // fits of the first of the named effects, of the first two, ...
+    for (const Cause& cause : out.verdict.causes) {
+        if (named == nullptr || !cause.fit.usable) continue;
+        if (wrong == nullptr && cause.entries.size() == 1 && !family_is_named(cause)) wrong = &cause;
+        if (cause.entries.size() <= named->entries.size() &&
+            std::equal(cause.entries.begin(), cause.entries.end(), named->entries.begin()))
+            steps.push_back(&cause);
+    }
+    std::stable_sort(steps.begin(), steps.end(),
+                     [](const Cause* a, const Cause* b) { return a->entries.size() < b->entries.size(); });
     Eigen::VectorXd after = out.after;
     if (forecast.beginning_fitted) {
-        Eigen::VectorXd nominal;
-        forecast.simulator.simulate(out.nominal.at, nominal, &out.nominal_points_m, nullptr);
-        forecast.known.emplace_back(out.nominal.at, std::move(nominal));
-        forecast.simulator.simulate(best.at, after, &out.points_m, nullptr);
+        std::vector<Assumption> list{out.nominal.at, best.at};
+        for (const Cause* step : steps) list.push_back(step->fit.at);
+        if (wrong != nullptr) list.push_back(wrong->fit.at);
+        forecast.follow(list);
+        out.nominal_points_m = forecast.under(out.nominal.at).points_m;
+        out.points_m = forecast.under(best.at).points_m;
+        after = forecast.under(best.at).trajectory;
+    } else {
+        forecast.known.push_back({best.at, after, {}});
     }
-    forecast.known.emplace_back(best.at, after);
     const Discrepancy& error = problem.discrepancy;
     const bool error_known = !forecast.beginning_fitted && error.columns.cols() > 0;
     const auto learned = [&](const Eigen::VectorXd& from) -> Eigen::VectorXd {
@@ -127,25 +165,11 @@ void close_on_held_out(Diagnosis& out, Forecast& forecast, const Fit& best, cons
                               gap_rms_m(all.observed, whole, all.held_rows, all.noise_m), model_error});
     };
     ladder_step({}, out.nominal.trajectory, before, false);
-    for (std::size_t k = 1; named != nullptr && k <= named->entries.size(); ++k) {
-        const std::vector<std::size_t> first(named->entries.begin(),
-                                             named->entries.begin() + static_cast<std::ptrdiff_t>(k));
-        for (const Cause& cause : out.verdict.causes)
-            if (cause.fit.usable && cause.entries == first)
-                ladder_step(first, cause.fit.trajectory, forecast.of(cause.fit), false);
-    }
+    for (const Cause* step : steps)
+        ladder_step(step->entries, step->fit.trajectory, forecast.of(step->fit), false);
     if (error_known)
         ladder_step(named != nullptr ? named->entries : std::vector<std::size_t>{}, out.after, out.after, true);
-    if (named == nullptr) return;
-    const auto family_is_named = [&](const Cause& cause) {
-        return std::any_of(named->entries.begin(), named->entries.end(), [&](std::size_t e) {
-            return std::string_view(effects[e].info.family) == effects[cause.entries[0]].info.family;
-        });
-    };
-    const auto wrong = std::find_if(out.verdict.causes.begin(), out.verdict.causes.end(), [&](const Cause& cause) {
-        return cause.fit.usable && cause.entries.size() == 1 && !family_is_named(cause);
-    });
-    if (wrong == out.verdict.causes.end()) return;
+    if (wrong == nullptr) return;
     out.best_wrong = shrinkage(all, all.held_rows, before, predicted(forecast.of(wrong->fit)));
     out.best_wrong_effects = ids(effects, wrong->entries);
 }
@@ -181,10 +205,12 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
     // Several hypotheses are fitted two at a time where the model has a twin.
     std::optional<Simulator> second;
     std::optional<Problem> beside;
+    std::unique_ptr<Outlook> outlook_beside;
     if (TrajectoryModel* twin = recording.mechanics->twin(); twin != nullptr) {
         second.emplace(*twin, recording.sensors, effects);
+        TERES_TRY_ASSIGN(outlook_beside, Outlook::make(recording, effects, options.calibration, true));
         beside.emplace(Problem{*second, problem.recording, options, problem.discrepancy, problem.whitener,
-                               problem.floor, problem.outlook, problem.limit});
+                               problem.floor, outlook_beside.get(), problem.limit});
         problem.beside = &*beside;
     }
 

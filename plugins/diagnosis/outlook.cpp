@@ -13,19 +13,19 @@ constexpr double kLost = 1e6;  // cost per number of a model whose trajectory ca
 }  // namespace
 
 Result<std::unique_ptr<Outlook>> Outlook::make(const GapRecording& from, const EffectTable& effects,
-                                               const Calibration& calibration) {
+                                               const Calibration& calibration, bool with_twin) {
     if (from.whole_mechanics == nullptr) return std::unique_ptr<Outlook>();
     const GapRecording whole = whole_of(from);
     TERES_TRY_ASSIGN(Recording recording, make_recording(whole));
     const std::size_t first = from.mechanics->num_frames(), all = recording.num_frames;
     const std::size_t end = first + std::min(first, (all - first) / 2);
     if (end == first) return std::unique_ptr<Outlook>();
-    return std::unique_ptr<Outlook>(new Outlook(
-        std::move(recording), Simulator(*whole.mechanics, whole.sensors, effects), first, end, calibration));
+    TrajectoryModel* twin = with_twin ? whole.mechanics->twin() : nullptr;
+    Simulator simulator(twin != nullptr ? *twin : *whole.mechanics, whole.sensors, effects);
+    return std::unique_ptr<Outlook>(new Outlook(std::move(recording), std::move(simulator), first, end, calibration));
 }
 
 double Outlook::later(const Assumption& at, double misfit, std::size_t num_fitted) {
-    const std::lock_guard lock(mutex_);
     Eigen::VectorXd motion;
     simulator_.set_horizon(end_);
     const bool followed = simulator_.simulate(at, motion);

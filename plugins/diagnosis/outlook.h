@@ -5,7 +5,6 @@
 #pragma once
 
 #include <memory>
-#include <mutex>
 
 #include "plugins/diagnosis/calibration.h"
 #include "plugins/diagnosis/recording.h"
@@ -15,13 +14,14 @@ namespace teres {
 
 class Outlook {
   public:
-    /// Of a recording of which only the beginning is fitted; else null. Errors: of make_recording().
+    /// Of a recording of which only the beginning is fitted; else null. With the model of the whole recording, or with
+    /// its twin if it has one. Errors: of make_recording().
     static Result<std::unique_ptr<Outlook>> make(const GapRecording& from, const EffectTable& effects,
-                                                 const Calibration& calibration);
+                                                 const Calibration& calibration, bool with_twin = false);
 
     std::size_t end_frame() const { return end_; }
     /// Half the difference between the cost of a fit on these frames, scaled to `num_fitted` numbers, and `misfit`, its
-    /// cost on the fitted ones: added to that it makes the mean of both. Callable from several threads, one at a time.
+    /// cost on the fitted ones: added to that it makes the mean of both.
     double later(const Assumption& at, double misfit, std::size_t num_fitted);
 
   private:
@@ -35,7 +35,6 @@ class Outlook {
 
     Recording recording_;
     Simulator simulator_;
-    std::mutex mutex_;  // of the simulator
     std::size_t first_, end_;
     Calibration calibration_;
 };
