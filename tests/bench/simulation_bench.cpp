@@ -106,6 +106,30 @@ struct Factorised {
     }
 };
 
+// A time step of a recording at a fixed rate: lengths that differ by rounding share a factorisation, lengths that differ
+// by a twentieth have one each.
+void BM_TimeStep(benchmark::State& state, double jitter) {
+    Case c = block_on_ligament(7500, BodyLaw::kNeoHookean);
+    c.quasi_static = false;
+    auto model = *CaseModel::make(c, {});
+    VectorXd x(static_cast<Eigen::Index>(model->num_state())), theta(static_cast<Eigen::Index>(model->num_parameters()));
+    model->rest_state({x.data(), model->num_state()});
+    for (Eigen::Index p = 0; p < theta.size(); ++p)
+        theta(p) = model->parameter(static_cast<std::size_t>(p)).prior_median;
+    int steps = 0, factorisations = 0;
+    for (auto _ : state) {
+        const double dt = 0.01 * (1.0 + jitter * (steps % 2)), t = 0.01 * steps++;
+        const double force[3] = {0.0, 0.02 * std::sin(6.0 * t), 0.0};
+        factorisations += model
+                              ->advance({t, dt, force, {}}, {theta.data(), model->num_parameters()},
+                                        {x.data(), model->num_state()}, 1)
+                              .factorisations;
+    }
+    state.counters["factorisations_per_step"] = static_cast<double>(factorisations) / std::max(1, steps);
+}
+BENCHMARK_CAPTURE(BM_TimeStep, rounded, 1e-13)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(BM_TimeStep, uneven, 0.05)->Unit(benchmark::kMillisecond);
+
 void BM_Tangent(benchmark::State& state) {
     Factorised body(static_cast<int>(state.range(0)));
     for (auto _ : state) benchmark::DoNotOptimize(body.assemble());
