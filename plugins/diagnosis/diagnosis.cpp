@@ -225,7 +225,11 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
                            options.calibration.unknown_price + options.calibration.none_bonus;
     const auto add_more = [&] {
         for (int count = 2; something && count <= options.max_effects; ++count) {
-            const bool enough = count > 2 && causes.front().explained > kNearlyAll;
+            // With inertia, what is left after many periods shows what stands for what.
+            const Cause& best = causes.front();
+            const bool enough = count > 2 && best.explained > kNearlyAll &&
+                                (!problem.simulator.mechanics().dynamic() ||
+                                 best.fit.compared_cost() < problem.floor.total());
             if (enough || problem.out_of_time() || !search_further(problem, out.nominal, out.screening, causes)) break;
         }
     };

@@ -1,8 +1,13 @@
 #include "plugins/simulation/effects/places.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <limits>
 #include <set>
+
+#include "core/case/surface.h"
+#include "core/check.h"
 
 namespace teres {
 
@@ -98,15 +103,31 @@ Patch surface_patch(const Scene& scene, const Vector3d& centre, double radius_m)
         patch.total_m2 += patch.area_m2.back();
     }
     if (!patch.node.empty()) return patch;
-    Eigen::Index nearest = -1;  // a patch smaller than the mesh: its nearest surface node
-    for (std::size_t i = 0; i < scene.mesh.num_nodes(); ++i)
-        if (const auto k = static_cast<Eigen::Index>(i);
-            scene.mesh.node_area[i] > 0.0 && (nearest < 0 || (scene.mesh.X.col(k) - centre).squaredNorm() <
-                                                                 (scene.mesh.X.col(nearest) - centre).squaredNorm()))
-            nearest = k;
-    patch.node.push_back(static_cast<NodeIndex>(nearest));
-    patch.area_m2.push_back(scene.mesh.node_area[static_cast<std::size_t>(nearest)]);
-    patch.total_m2 = patch.area_m2.back();
+    // A patch smaller than the mesh, or a place inside: the point of the surface next to it, shared by its triangle's
+    // nodes, so that what moves the place is seen.
+    const auto point = [](const Vector3d& p) { return Point{p.x(), p.y(), p.z()}; };
+    double best = std::numeric_limits<double>::infinity(), area = 0.0;
+    std::array<double, 3> share{};
+    const std::array<NodeIndex, 3>* triangle = nullptr;
+    for (const auto& t : scene.mesh.surface) {
+        const Vector3d a = scene.mesh.X.col(t[0]), b = scene.mesh.X.col(t[1]), c = scene.mesh.X.col(t[2]);
+        const auto w = closest_barycentric(point(centre), point(a), point(b), point(c));
+        const double distance = (w[0] * a + w[1] * b + w[2] * c - centre).squaredNorm();
+        if (distance < best) {
+            best = distance;
+            share = w;
+            triangle = &t;
+        }
+    }
+    TERES_CHECK(triangle != nullptr);
+    for (std::size_t k = 0; k < 3; ++k)
+        area += share[k] * scene.mesh.node_area[static_cast<std::size_t>((*triangle)[k])];
+    for (std::size_t k = 0; k < 3; ++k) {
+        if (share[k] <= 0.0) continue;
+        patch.node.push_back((*triangle)[k]);
+        patch.area_m2.push_back(share[k] * area);
+        patch.total_m2 += patch.area_m2.back();
+    }
     return patch;
 }
 

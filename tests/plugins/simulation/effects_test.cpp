@@ -113,6 +113,29 @@ TEST(Effects, GravityBendsTheBlockAsInCalculix) {
     EXPECT_LT(difference(c, x, truth->displacement_m), 0.03);
 }
 
+// A place inside, further from all nodes than its radius, acts on the surface next to it: half way between two nodes as
+// the mean of both, so that a fit sees which way to move it.
+TEST(Effects, APlaceInsideActsOnTheSurfaceNextToIt) {
+    const Case c = block();
+    const auto at = [&](double x, double z) {
+        return nodes_under(
+            c, "unknown_load",
+            {{"force_z", 1e-3}, {"center_x", x}, {"center_y", 0.01}, {"center_z", z}, {"radius", 1e-3}, {"onset", -1.0}},
+            ElementType::kNodalBlend);
+    };
+    const std::vector<double> first = at(0.05, 0.03), second = at(0.06, 0.03), between = at(0.055, 0.027);
+    double error = 0.0, size = 0.0, apart = 0.0;
+    for (std::size_t i = 0; i < c.mesh.nodes.size(); ++i)
+        for (std::size_t a = 0; a < 3; ++a) {
+            error += std::pow(between[3 * i + a] - 0.5 * (first[3 * i + a] + second[3 * i + a]), 2);
+            size += std::pow(between[3 * i + a] - c.mesh.nodes[i][a], 2);
+            apart += std::pow(second[3 * i + a] - first[3 * i + a], 2);
+        }
+    EXPECT_GT(size, 1e-12);
+    EXPECT_GT(apart, 0.01 * size);
+    EXPECT_LT(error, 1e-5 * size);
+}
+
 // Small pressure on one side: a dead traction on the faces with that normal.
 TEST(Effects, PressureOnOneSideAsInCalculix) {
     TERES_REQUIRE_CALCULIX();
