@@ -165,8 +165,7 @@ void close_on_held_out(Diagnosis& out, Forecast& forecast, const Fit& best, cons
                               gap_rms_m(all.observed, whole, all.held_rows, all.noise_m), model_error});
     };
     ladder_step({}, out.nominal.trajectory, before, false);
-    for (const Cause* step : steps)
-        ladder_step(step->entries, step->fit.trajectory, forecast.of(step->fit), false);
+    for (const Cause* step : steps) ladder_step(step->entries, step->fit.trajectory, forecast.of(step->fit), false);
     if (error_known)
         ladder_step(named != nullptr ? named->entries : std::vector<std::size_t>{}, out.after, out.after, true);
     if (wrong == nullptr) return;
@@ -174,8 +173,8 @@ void close_on_held_out(Diagnosis& out, Forecast& forecast, const Fit& best, cons
     out.best_wrong_effects = ids(effects, wrong->entries);
 }
 
-// Whether a cause leaves several times as much of the frames held out as of those fitted, or as the model may be off: it
-// stands for something else, or something begins late that a large gap hid from nominal_fit().
+// Whether a cause leaves several times as much of the frames held out as of those fitted, or as the model may be off:
+// it stands for something else, or something begins late that a large gap hid from nominal_fit().
 bool fails_later(const Problem& problem, const Cause* cause) {
     const Recording& r = problem.recording;
     if (cause == nullptr || !r.held_markers.empty() || problem.simulator.mechanics().dynamic()) return false;
@@ -194,7 +193,7 @@ const Cause* leading(const Verdict& verdict) {
 // Nominal fit, search, verdict. `before`: what failed later when other data were held out, one more rival; or null.
 // Returns what fails later now: all is to be searched again, with other data held out.
 Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& recording, const EffectTable& effects,
-                         const Cause* before, Diagnosis& out) {
+                                         const Cause* before, Diagnosis& out) {
     const DiagnosisOptions& options = problem.options;
     // What the nominal model can explain, and whether anything is left.
     stage(options, "nominal fit")(0.0);
@@ -227,9 +226,9 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
         for (int count = 2; something && count <= options.max_effects; ++count) {
             // With inertia, what is left after many periods shows what stands for what.
             const Cause& best = causes.front();
-            const bool enough = count > 2 && best.explained > kNearlyAll &&
-                                (!problem.simulator.mechanics().dynamic() ||
-                                 best.fit.compared_cost() < problem.floor.total());
+            const bool enough =
+                count > 2 && best.explained > kNearlyAll &&
+                (!problem.simulator.mechanics().dynamic() || best.fit.compared_cost() < problem.floor.total());
             if (enough || problem.out_of_time() || !search_further(problem, out.nominal, out.screening, causes)) break;
         }
     };

@@ -326,9 +326,8 @@ void add_gradient_of_one_lane(std::span<const StrainPoints* const> sets, const P
     for (std::size_t j = 0; j < kN; ++j) store(energy, load(energy) + total[j]);
 }
 
-void add_gradient_of_lanes(const StrainPoints& points, const PointRows& rows, const Material& material,
-                           const double* x, double* gradient, double* spare, double* energy, std::size_t stride,
-                           std::size_t lanes) {
+void add_gradient_of_lanes(const StrainPoints& points, const PointRows& rows, const Material& material, const double* x,
+                           double* gradient, double* spare, double* energy, std::size_t stride, std::size_t lanes) {
     for (std::size_t k = 0; k < rows.count; ++k) {
         const auto q = static_cast<std::size_t>(rows.point[k]);
         const auto first = static_cast<std::size_t>(points.offset[q]),

@@ -106,13 +106,14 @@ struct Factorised {
     }
 };
 
-// A time step of a recording at a fixed rate: lengths that differ by rounding share a factorisation, lengths that differ
-// by a twentieth have one each.
+// A time step of a recording at a fixed rate: lengths that differ by rounding share a factorisation, lengths that
+// differ by a twentieth have one each.
 void BM_TimeStep(benchmark::State& state, double jitter) {
     Case c = block_on_ligament(7500, BodyLaw::kNeoHookean);
     c.quasi_static = false;
     auto model = *CaseModel::make(c, {});
-    VectorXd x(static_cast<Eigen::Index>(model->num_state())), theta(static_cast<Eigen::Index>(model->num_parameters()));
+    VectorXd x(static_cast<Eigen::Index>(model->num_state())),
+        theta(static_cast<Eigen::Index>(model->num_parameters()));
     model->rest_state({x.data(), model->num_state()});
     for (Eigen::Index p = 0; p < theta.size(); ++p)
         theta(p) = model->parameter(static_cast<std::size_t>(p)).prior_median;

@@ -118,10 +118,14 @@ TEST(Effects, GravityBendsTheBlockAsInCalculix) {
 TEST(Effects, APlaceInsideActsOnTheSurfaceNextToIt) {
     const Case c = block();
     const auto at = [&](double x, double z) {
-        return nodes_under(
-            c, "unknown_load",
-            {{"force_z", 1e-3}, {"center_x", x}, {"center_y", 0.01}, {"center_z", z}, {"radius", 1e-3}, {"onset", -1.0}},
-            ElementType::kNodalBlend);
+        return nodes_under(c, "unknown_load",
+                           {{"force_z", 1e-3},
+                            {"center_x", x},
+                            {"center_y", 0.01},
+                            {"center_z", z},
+                            {"radius", 1e-3},
+                            {"onset", -1.0}},
+                           ElementType::kNodalBlend);
     };
     const std::vector<double> first = at(0.05, 0.03), second = at(0.06, 0.03), between = at(0.055, 0.027);
     double error = 0.0, size = 0.0, apart = 0.0;

@@ -125,7 +125,7 @@ TEST_P(EveryElement, EffectsOnPointsAreThoseOfABatch) {
     const PointShares shares(body.points(), X, 1);
     const auto dofs = static_cast<std::size_t>(X.size());
     std::vector<double> x(dofs * kPackLanes), batch(x.size(), 0.0), alone = batch, energy(kPackLanes, 0.0),
-        energy_alone = energy;
+                                                                    energy_alone = energy;
     for (std::size_t d = 0; d < dofs; ++d)
         std::fill_n(&x[d * kPackLanes], kPackLanes, X.data()[d] + 0.0008 * std::sin(1.7 * double(d)));
     body.add_gradient(shares, 0, x.data(), batch.data(), nullptr, energy.data(), kPackLanes, kPackLanes);
