@@ -96,9 +96,17 @@ double unexplained_rms(const Frames& difference, const std::vector<Frames>& expl
 }
 
 Result<const CaseMaker::Patient*> CaseMaker::patient(const CaseSpec& spec) {
-    const std::tuple key{spec.draw, spec.clamped, spec.dynamic};
-    if (const auto found = patients_.find(key); found != patients_.end()) return found->second.get();
-    if (!patients_.empty() && std::get<0>(patients_.begin()->first) != spec.draw) patients_.clear();
+    const Key key{spec.draw, spec.clamped, spec.dynamic};
+    auto found = patients_.find(key);
+    if (found == patients_.end()) {
+        if (!patients_.empty() && std::get<0>(patients_.begin()->first) != spec.draw) patients_.clear();
+        found = patients_.emplace(key, make_patient(spec)).first;
+    }
+    if (!found->second) return tl::unexpected(found->second.error());
+    return found->second->get();
+}
+
+Result<std::unique_ptr<CaseMaker::Patient>> CaseMaker::make_patient(const CaseSpec& spec) const {
     BodyOptions options = body_options;
     options.seed = seed_;
     options.draw = spec.draw;
@@ -114,8 +122,7 @@ Result<const CaseMaker::Patient*> CaseMaker::patient(const CaseSpec& spec) {
         TERES_TRY_ASSIGN(Motion moved, body.simulate(change, scratch_, nullptr));
         changes.push_back(std::move(moved));
     }
-    auto made = std::make_unique<Patient>(Patient{std::move(body), std::move(control), std::move(changes)});
-    return patients_.emplace(key, std::move(made)).first->second.get();
+    return std::make_unique<Patient>(Patient{std::move(body), std::move(control), std::move(changes)});
 }
 
 Result<CaseMaker::Outcome> CaseMaker::make(const CaseSpec& spec) {
@@ -124,6 +131,9 @@ Result<CaseMaker::Outcome> CaseMaker::make(const CaseSpec& spec) {
     std::string reason;
     const auto who = patient(spec);
     if (!who && who.error().kind != ErrorKind::kNotUsable) return tl::unexpected(who.error());
+    if (!who && body_options.given)  // all cases are of this patient
+        return not_usable("seed " + std::to_string(seed_) + ": no solution for the undisturbed body; another seed draws " +
+                          "another patient: " + who.error().text);
     if (!who) reason = who.error().text;
     for (int attempt = 0; who && attempt < kAttempts; ++attempt) {
         const Status made = make_once(spec, **who, attempt);

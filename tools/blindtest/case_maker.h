@@ -24,7 +24,7 @@ class CaseMaker {
 
     enum class Outcome { kMade, kWasThere, kDiscarded };
     /// A case whose solution does not converge is drawn again twice, then discarded (label.json says so).
-    /// Errors: kHostFault (ccx missing, disk).
+    /// Errors: kHostFault (ccx missing, disk); kNotUsable: the one patient of a given body has no solution.
     Result<Outcome> make(const CaseSpec& spec);
     /// Sizes of the bodies (tests make small ones).
     BodyOptions body_options;
@@ -36,12 +36,14 @@ class CaseMaker {
         Motion control;
         std::vector<Motion> ligament_changes;
     };
+    using Key = std::tuple<std::uint64_t, bool, bool>;
     Result<const Patient*> patient(const CaseSpec& spec);
+    Result<std::unique_ptr<Patient>> make_patient(const CaseSpec& spec) const;
     Status make_once(const CaseSpec& spec, const Patient& patient, int attempt);
 
     std::uint64_t seed_;
     std::filesystem::path out_, scratch_;
-    std::map<std::tuple<std::uint64_t, bool, bool>, std::unique_ptr<Patient>> patients_;
+    std::map<Key, Result<std::unique_ptr<Patient>>> patients_;  // also those that have no solution
 };
 
 /// "hash  sealed/c0001/label.json" lines (sha256sum -c reads them) of every sealed file of the cases.
