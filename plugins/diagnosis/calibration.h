@@ -17,12 +17,16 @@ struct Calibration {
     double further_effect = 3.0;
     /// ... and of every mechanical effect beyond the first besides: two may stand for the error of form of one.
     double further_mechanical = 5.0;
-    /// `unknown` is a cause that would leave the floor and this share of what is above it ...
-    double unknown_share = 0.15;
+    /// `unknown` is a cause that would leave what right causes leave: this share of the model error ...
+    double unknown_left = 0.7;
+    /// ... and this share of what is above it, ...
+    double unknown_share = 0.03;
     /// ... at the price of the best cause that does as well, and at least this [nats] ...
     double unknown_price = 6.0;
-    /// ... and, where that consists of several effects, at most about what the dearest single ones cost [nats].
+    /// ... and, where that consists of several effects, at most about what the dearest single ones cost [nats];
     double unknown_price_most = 20.0;
+    /// and besides, because the catalogue holds what is likely [nats].
+    double unknown_rarity = 1.0;
     /// Whitened cost per used number that remains on controls beyond the stated noise: of any body, and of one whose
     /// other models differ, as a share of that difference (error_floor.h).
     double model_error = 0.3;

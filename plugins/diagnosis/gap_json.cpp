@@ -218,6 +218,7 @@ Json to_json(const Diagnosis& d, const EffectTable& effects, const TrajectoryMod
                  {"tail_nats", cause.price.tail},
                  {"occam_nats", cause.price.occam},
                  {"search_nats", cause.price.search},
+                 {"narrow_nats", cause.price.narrow},
                  {"further_nats", cause.price.further}});
     return json;
 }

@@ -108,6 +108,10 @@ double occam_price(const Eigen::MatrixXd& S, Eigen::Index counted) {
     return 0.5 * values.tail(std::min(counted, values.size())).cwiseMax(0.0).array().log1p().sum();
 }
 
+double narrowing_price(const Eigen::MatrixXd& S, Eigen::Index amplitudes) {
+    return occam_price(S, S.rows()) - occam_price(S.topLeftCorner(amplitudes, amplitudes), amplitudes);
+}
+
 Signatures signatures(Simulator& simulator, const Fit& base, const std::vector<std::size_t>& skip,
                       const Simulator::Progress& progress) {
     const EffectTable& table = simulator.effects();

@@ -57,6 +57,8 @@ Eigen::Index counted_amplitudes(Eigen::Index amplitudes);
 /// 1/2 ln|I + S| over the `counted` largest directions [nats]; S: tempered chi^2 of amplitudes at one prior standard
 /// deviation.
 double occam_price(const Eigen::MatrixXd& S, Eigen::Index counted);
+/// What 1/2 ln|I + S| grows by when places and times (rows behind the `amplitudes` first) count as well [nats].
+double narrowing_price(const Eigen::MatrixXd& S, Eigen::Index amplitudes);
 
 /// First-order responses of all candidates about a base.
 struct Signatures {

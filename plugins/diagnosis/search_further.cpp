@@ -11,6 +11,7 @@ namespace {
 
 constexpr int kIterations = 6;
 constexpr double kFarBehind = 15.0;  // nats: no rival any more
+constexpr std::size_t kRivals = 4;   // of a set, that get what it gained
 constexpr double kHardlyLess = 0.9;  // of what is left without the second effect
 constexpr double kVeryMuch = 5.0;    // times what noise and model error explain
 constexpr double kFormShare = 0.2;   // standard deviation of a form, share of the effect's motion
@@ -42,41 +43,63 @@ std::vector<Cause> search_on_top(Problem& problem, const Fit& nominal, Cause& kn
     return search(problem, nominal, &base, screening);
 }
 
-// A larger cause without its first effect, which was named when nothing was known of the others.
-Cause without_first(Problem& problem, const Fit& nominal, const Cause& larger, const std::vector<Cause>& causes) {
-    const Cause* first = fitted_alone(causes, larger.entries.front());
-    const double search_cost = larger.search_cost - (first != nullptr ? first->search_cost : 0.0);
-    if (larger.entries.size() == 2) {
-        if (const Cause* fitted = fitted_alone(causes, larger.entries.back())) return *fitted;
-        EffectScreening added;
-        added.entry = larger.entries.back();
-        added.start = larger.fit.at.effects.back();
-        added.search_cost = search_cost;
-        Cause alone = refit(problem, nominal, nullptr, added, kIterations);
-        score(problem, nominal, nullptr, alone);
-        return alone;
-    }
-    Cause rest;
-    rest.entries.assign(larger.entries.begin() + 1, larger.entries.end());
-    rest.search_cost = search_cost;
-    const Assumption start{larger.fit.at.theta, {larger.fit.at.effects.begin() + 1, larger.fit.at.effects.end()}};
-    return fitted_from(problem, nominal, std::move(rest), start, kIterations);
-}
-
 bool contains(const Cause& cause, std::size_t entry) {
     return std::find(cause.entries.begin(), cause.entries.end(), entry) != cause.entries.end();
+}
+
+void add(std::vector<Cause>& causes, std::vector<Cause> more) {
+    for (Cause& cause : more) keep_better(causes, std::move(cause));
+}
+
+// The second of a pair alone: the first was named when nothing was known of it.
+Cause without_first(Problem& problem, const Fit& nominal, const Cause& larger, const std::vector<Cause>& causes) {
+    if (const Cause* fitted = fitted_alone(causes, larger.entries.back())) return *fitted;
+    const Cause* first = fitted_alone(causes, larger.entries.front());
+    EffectScreening added;
+    added.entry = larger.entries.back();
+    added.start = larger.fit.at.effects.back();
+    added.search_cost = larger.search_cost - (first != nullptr ? first->search_cost : 0.0);
+    Cause alone = refit(problem, nominal, nullptr, added, kIterations);
+    score(problem, nominal, nullptr, alone);
+    return alone;
 }
 
 bool suffices(const Problem& problem, const Cause& cause) {
     return cause.fit.usable && cause.fit.compared_cost() < problem.floor.total();
 }
 
-// Whether something else may stand for the first effect. With inertia a body that is loaded otherwise than the model
-// moves quite differently, so that what is named first may stand for the sum of several even if all together suffice.
-// Else the second must explain something beside it.
+// Whether something else may stand for the first effect: the second must explain something beside it.
 bool may_exchange(const Problem& problem, const Cause& base, const Cause& best) {
-    if (problem.simulator.mechanics().dynamic()) return best.entries.size() > 2;
     return best.entries.size() == 2 && !suffices(problem, best) && best.misfit < kHardlyLess * base.misfit;
+}
+
+// With inertia a body that is loaded or held otherwise than the model moves quite differently, and which of several
+// sets looks best depends on what none of them has yet: what the best one gained last is given to its rivals.
+void give_to_rivals(Problem& problem, const Fit& nominal, const Cause& base, const Cause& best,
+                    std::vector<Cause>& causes) {
+    EffectScreening added;
+    added.entry = best.entries.back();
+    added.start = best.fit.at.effects.back();
+    added.search_cost = best.search_cost - base.search_cost;
+    std::vector<const Cause*> rivals;
+    for (const Cause& cause : causes)
+        if (cause.fit.usable && cause.entries.size() == base.entries.size() && cause.entries != base.entries &&
+            !contains(cause, added.entry) && cause.score > base.score - kFarBehind)
+            rivals.push_back(&cause);
+    std::sort(rivals.begin(), rivals.end(), [](const Cause* a, const Cause* b) { return a->score > b->score; });
+    rivals.resize(std::min(rivals.size(), kRivals));
+    const auto report = stage(problem.options, "trying rivals with it");
+    report(0.0);
+    std::vector<Cause> larger(rivals.size());
+    side_by_side(problem, rivals.size(), [&](Problem& p, std::size_t k) {
+        if (p.out_of_time()) return;
+        larger[k] = refit(p, nominal, rivals[k], added, kIterations);
+        if (larger[k].fit.usable) settle(p, larger[k], kIterations);
+        score(p, nominal, nullptr, larger[k]);
+        if (&p == &problem) report(static_cast<double>(k + 1) / static_cast<double>(rivals.size()));
+    });
+    std::erase_if(larger, [](const Cause& cause) { return !cause.fit.usable; });
+    add(causes, std::move(larger));
 }
 
 // The single effect next to the best one, or null.
@@ -104,10 +127,6 @@ bool may_begin_otherwise(const Problem& problem, const Cause& base, const std::v
            leaves_beginning(problem, base.fit) && std::none_of(causes.begin(), causes.end(), [&](const Cause& c) {
                return c.entries.size() > 1 && contains(c, early.entry);
            });
-}
-
-void add(std::vector<Cause>& causes, std::vector<Cause> more) {
-    for (Cause& cause : more) keep_better(causes, std::move(cause));
 }
 
 // Searched on top of one of `causes`.
@@ -172,9 +191,9 @@ bool search_further(Problem& problem, const Fit& nominal, const Screening& scree
     if (after.ends_apart || problem.out_of_time()) return ended();
     std::vector<Cause> larger = search_on_top_of(problem, nominal, base, causes);
     const bool done = !larger.empty() && suffices(problem, larger.front());
-    if (const Cause* next = runner_up(causes, base);
-        problem.simulator.mechanics().dynamic() && base.entries.size() == 1 && !done && next != nullptr &&
-        !problem.out_of_time())
+    if (const Cause* next = runner_up(causes, base); problem.simulator.mechanics().dynamic() &&
+                                                     base.entries.size() == 1 && !done && next != nullptr &&
+                                                     !problem.out_of_time())
         add(causes, search_on_top_of(problem, nominal, *next, causes));
     const std::optional<Cause> best =
         !larger.empty() && larger.front().fit.usable ? std::optional(larger.front()) : std::nullopt;
@@ -182,7 +201,10 @@ bool search_further(Problem& problem, const Fit& nominal, const Screening& scree
     if (problem.out_of_time()) return ended();
     if (!after.made && !done && begins_otherwise())
         after = search_after_beginning(problem, nominal, *screening.of_beginning, false, causes);
-    if (best && !after.suffices && !problem.out_of_time() && may_exchange(problem, base, *best)) {
+    if (!best || problem.out_of_time()) return ended();
+    if (problem.simulator.mechanics().dynamic()) {
+        if (best->entries.size() > 2) give_to_rivals(problem, nominal, base, *best, causes);
+    } else if (!after.suffices && may_exchange(problem, base, *best)) {
         const Cause rest = without_first(problem, nominal, *best, causes);
         if (rest.fit.usable) {
             keep_better(causes, rest);

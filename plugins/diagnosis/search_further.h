@@ -7,8 +7,9 @@ namespace teres {
 
 /// Searches one effect more on top of the best of `causes` and adds what it finds. A first effect that was a compromise
 /// between two is exchanged: what was added to it is fitted alone, and searched on top of; and of a second one that
-/// happens later nothing is to be seen at the beginning, so that what explains that is searched on top of. False:
-/// nothing was found that is better than the best before.
+/// happens later nothing is to be seen at the beginning, so that what explains that is searched on top of. With
+/// inertia, what the best set of three or more gained last is given to its rivals. False: nothing was found that is
+/// better than the best before.
 bool search_further(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes);
 
 }  // namespace teres

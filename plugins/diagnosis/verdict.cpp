@@ -13,7 +13,7 @@ double gain(double cost_null, double cost, const ErrorFloor& floor, const Calibr
 
 // Cost that an effect nobody thought of would leave.
 double unexplained(double cost_null, const ErrorFloor& floor, const Calibration& calibration) {
-    const double reached = std::min(floor.total(), cost_null);
+    const double reached = std::min(floor.noise + calibration.unknown_left * floor.model, cost_null);
     return reached + calibration.unknown_share * (cost_null - reached);
 }
 
@@ -65,13 +65,13 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
     // Scaled coordinates and columns of the amplitudes; place and time have been paid for by the search.
     const Fit& fit = cause.fit;
     const Eigen::Index theta = nominal.u.size();
-    std::vector<Eigen::Index> amplitude;
+    std::vector<Eigen::Index> amplitude, shape;
     Eigen::Index column = theta, counted = 0;
     double tail = 0.0;  // effects are independent a priori
     for (const std::size_t e : cause.entries) {
         std::vector<Eigen::Index> own;
         for (const EffectParameter& p : effects[e].parameters) {
-            if (p.role == EffectRole::kAmplitude) own.push_back(column);
+            (p.role == EffectRole::kAmplitude ? own : shape).push_back(column);
             ++column;
         }
         tail += tail_price(fit.u(own));
@@ -80,12 +80,17 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
     }
     const auto mechanical =
         std::count_if(cause.entries.begin(), cause.entries.end(), [&](std::size_t e) { return !effects[e].sensor; });
-    const Eigen::MatrixXd J = fit.J.leftCols(theta), G = fit.J(Eigen::all, amplitude);
+    const auto amplitudes = static_cast<Eigen::Index>(amplitude.size());
+    std::vector<Eigen::Index> all = amplitude;
+    all.insert(all.end(), shape.begin(), shape.end());
+    const Eigen::MatrixXd J = fit.J.leftCols(theta), G = fit.J(Eigen::all, all);
     const Eigen::MatrixXd H = Eigen::MatrixXd::Identity(theta, theta) + J.transpose() * J;
-    const Eigen::MatrixXd S = G.transpose() * G - G.transpose() * J * H.ldlt().solve(J.transpose() * G);
+    const Eigen::MatrixXd S = calibration.nu / floor.above(std::min(fit.cost, floor.total())) *
+                              (G.transpose() * G - G.transpose() * J * H.ldlt().solve(J.transpose() * G));
     cause.price = {
-        tail, occam_price(calibration.nu / floor.above(std::min(fit.cost, floor.total())) * S, counted),
-        cause.search_cost,
+        tail, occam_price(S.topLeftCorner(amplitudes, amplitudes), counted), cause.search_cost,
+        // A place that the fit narrows down further than the search grid does is the more fine-tuned.
+        std::max(0.0, narrowing_price(S, amplitudes) - cause.search_cost),
         calibration.further_effect * static_cast<double>(cause.entries.size() - 1) +
             calibration.further_mechanical * static_cast<double>(std::max<std::ptrdiff_t>(0, mechanical - 1))};
     cause.misfit = misfit_of(fit, theta);
@@ -105,7 +110,8 @@ Verdict judge(std::vector<Cause> causes, double cost_null, const ErrorFloor& flo
     Verdict verdict;
     const double rest = unexplained(cost_null, floor, calibration);
     const double beyond = unknown_gain(cost_null, floor, calibration);
-    const double price = std::max(calibration.unknown_price, price_of_rival(causes, rest, calibration));
+    const double least = calibration.unknown_price + calibration.unknown_rarity;
+    const double price = std::max(least, price_of_rival(causes, rest, calibration) + calibration.unknown_rarity);
     const double unknown = visible_evidence(beyond - price - forms_of_best(causes, floor, calibration));
 
     // Which cause, if there is one.
@@ -115,8 +121,8 @@ Verdict judge(std::vector<Cause> causes, double cost_null, const ErrorFloor& flo
     for (const Cause& cause : causes) sum += std::exp(visible_evidence(cause.score) - top);
     // Whether there is one.
     const double not_ours = gain(cost_null, std::min(floor.total(), cost_null), floor, calibration);
-    const double something = std::min(std::max(top + std::log(sum), beyond - calibration.unknown_price),
-                                      not_ours + calibration.within_floor);
+    const double something =
+        std::min(std::max(top + std::log(sum), beyond - least), not_ours + calibration.within_floor);
     verdict.none_probability = 1.0 / (1.0 + std::exp(something - calibration.none_bonus));
     verdict.unknown_probability = (1.0 - verdict.none_probability) * std::exp(unknown - top) / sum;
     for (Cause& cause : causes)

@@ -14,10 +14,10 @@ class Damping final : public Effect {
         d_.kind = "mechanics";
         d_.family = "damping";
         d_.summary = "motion that dies out faster or slower";
-        d_.source = "assumed: up to 10 % of critical at some hertz";
+        d_.source = "assumed: up to 10 % of critical at 3 Hz";  // r_M = 2 zeta w, r_K = 2 zeta / w
         const double rM = scene.data.body.rayleigh_mass_1_s, rK = scene.data.body.rayleigh_stiffness_s;
-        d_.parameters = {amplitude("mass_rate", "1/s", EffectTransform::kIdentity, rM, 2.0, 0.0, 100.0),
-                         amplitude("stiffness_time", "s", EffectTransform::kIdentity, rK, 0.002, 0.0, 0.2)};
+        d_.parameters = {amplitude("mass_rate", "1/s", EffectTransform::kIdentity, rM, 4.0, 0.0, 100.0),
+                         amplitude("stiffness_time", "s", EffectTransform::kIdentity, rK, 0.01, 0.0, 0.2)};
         if (scene.dynamic)
             d_.candidates.push_back(central_candidate(d_.parameters));
         else

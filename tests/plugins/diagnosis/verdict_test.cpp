@@ -1,5 +1,5 @@
 // From costs to probabilities, by hand: floor 1 (all model error), nominal cost 10, nu 45, so that `unknown` leaves
-// 1 + 0.15 (10 - 1) = 2.35 and gains 22.5 ln((1 + 10) / (1 + 2.35)) = 26.8 nats.
+// 0.7 + 0.03 (10 - 0.7) = 0.979 and gains 22.5 ln((1 + 10) / (1 + 0.979)) = 38.6 nats; it pays 7 at least.
 #include "plugins/diagnosis/verdict.h"
 
 #include <gtest/gtest.h>
@@ -31,7 +31,7 @@ double probability_of(const Verdict& verdict, const std::vector<std::size_t>& en
 }
 
 TEST(Verdict, UnknownGainsWhatWouldReachTheFloorButForAShare) {
-    EXPECT_NEAR(unknown_gain(kNominal, kFloor, {}), 22.5 * std::log(11.0 / 3.35), 1e-9);
+    EXPECT_NEAR(unknown_gain(kNominal, kFloor, {}), 22.5 * std::log(11.0 / 1.979), 1e-9);
     EXPECT_EQ(unknown_gain(0.5, kFloor, {}), 0.0) << "nothing above the floor";
 }
 
@@ -48,7 +48,7 @@ TEST(Verdict, UnknownIsWorthWhatItGainsBesideFormsOfTheBest) {
         return Calibration{}.temperature * std::log(verdict.unknown_probability / probability_of(verdict, {0}));
     };
     Cause cause = fitted({0}, 3.0, 5.0);
-    const double alone = 22.5 * std::log(4.0 / 3.35) - 6.0 + 5.0;
+    const double alone = 22.5 * std::log(4.0 / 1.979) - 7.0 + 5.0;
     EXPECT_NEAR(lead_of_unknown(cause), alone, 1e-6);
     cause.misfit_beside_forms = 2.5;
     EXPECT_NEAR(lead_of_unknown(cause), alone - 22.5 * std::log(4.0 / 3.5), 1e-6);
@@ -56,10 +56,10 @@ TEST(Verdict, UnknownIsWorthWhatItGainsBesideFormsOfTheBest) {
     EXPECT_NEAR(lead_of_unknown(cause), alone, 1e-6);
 }
 
-// The pair reaches the floor at 20 nats; the single cause leaves 6 at 5 nats. An unknown effect would pay at least what
-// the pair pays.
+// The pair leaves half the floor at 20 nats; the single cause leaves 6 at 5 nats. An unknown effect would pay at least
+// what the pair pays.
 TEST(Verdict, APairThatExplainsEverythingIsNotUnknown) {
-    const Verdict verdict = judge({fitted({0}, 6.0, 5.0), fitted({0, 1}, 1.0, 20.0)}, kNominal, kFloor, {});
+    const Verdict verdict = judge({fitted({0}, 6.0, 5.0), fitted({0, 1}, 0.5, 20.0)}, kNominal, kFloor, {});
     EXPECT_GT(probability_of(verdict, {0, 1}), 0.9);
     EXPECT_LT(verdict.unknown_probability, 0.1);
 }
@@ -74,6 +74,13 @@ TEST(Verdict, APairDearerThanAnySingleEffectIsUnknown) {
 TEST(Verdict, AmplitudesCountPerEffect) {
     const Eigen::MatrixXd S = Eigen::VectorXd::Constant(13, std::exp(2.0) - 1.0).asDiagonal();
     EXPECT_NEAR(occam_price(S, counted_amplitudes(1) + counted_amplitudes(12)), 8.0, 1e-12);
+}
+
+// |I + S| = 27 with the place, 4 without it.
+TEST(Verdict, APlaceThatIsFittedNarrowlyHasItsPrice) {
+    const Eigen::Matrix2d S{{3.0, 3.0}, {3.0, 8.0}};
+    EXPECT_NEAR(narrowing_price(S, 1), 0.5 * std::log(27.0 / 4.0), 1e-12);
+    EXPECT_NEAR(narrowing_price(Eigen::Matrix2d{{3.0, 0.0}, {0.0, 0.0}}, 1), 0.0, 1e-12) << "not seen: not narrowed";
 }
 
 TEST(Verdict, NothingBeyondTheFloorIsNone) {
@@ -122,7 +129,7 @@ TEST(Verdict, ACauseThatCostsMoreThanItExplainsLeavesUnknown) {
 
 TEST(Verdict, ProbabilitiesSumToOne) {
     const Verdict verdict =
-        judge({fitted({0}, 3.0, 8.0), fitted({1}, 2.0, 9.0), fitted({0, 1}, 1.0, 20.0)}, kNominal, kFloor, {});
+        judge({fitted({0}, 3.0, 8.0), fitted({1}, 2.0, 9.0), fitted({0, 1}, 0.5, 20.0)}, kNominal, kFloor, {});
     double sum = verdict.none_probability + verdict.unknown_probability;
     for (const Cause& cause : verdict.causes) sum += cause.probability;
     EXPECT_NEAR(sum, 1.0, 1e-12);
