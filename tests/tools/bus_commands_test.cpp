@@ -157,16 +157,16 @@ TEST_F(BusCommands, PedalStartsAndStopsTheRecording) {
         auto bus = Bus::open(test::kLoopbackUrl);
         pedal_t pedal{};
         pedal.pedal = "left";
-        // Marks all the time; two steps on the pedal that records, a second apart.
+        // Marks all the time; two steps on the pedal that records, a second apart, once the program surely listens.
         for (pedal.header.sequence = 0; bus && !stop; ++pedal.header.sequence) {
             pedal.down = 1;
-            pedal.action = pedal.header.sequence == 12 || pedal.header.sequence == 22 ? "record" : "mark";
+            pedal.action = pedal.header.sequence == 30 || pedal.header.sequence == 40 ? "record" : "mark";
             bus->publish("PEDAL", encoded(pedal));
             std::this_thread::sleep_for(100ms);
         }
     });
     const auto run =
-        run_teres({"record", "--url", test::kLoopbackUrl, "--pedal", "--seconds", "4", "-o", file("pedal.lcm")});
+        run_teres({"record", "--url", test::kLoopbackUrl, "--pedal", "--seconds", "6", "-o", file("pedal.lcm")});
     stop = true;
     foot.join();
     EXPECT_EQ(run.exit_code, 0) << run.error;
