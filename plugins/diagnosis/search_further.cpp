@@ -87,8 +87,9 @@ void give_to_rivals(Problem& problem, const Fit& nominal, const Cause& base, con
             !contains(cause, added.entry) && cause.score > base.score - kFarBehind)
             rivals.push_back(&cause);
     std::sort(rivals.begin(), rivals.end(), [](const Cause* a, const Cause* b) { return a->score > b->score; });
+    if (rivals.empty()) return;
     rivals.resize(std::min(rivals.size(), kRivals));
-    const auto report = stage(problem.options, "trying rivals with it");
+    const auto report = stage(problem.options, "trying the last effect with rivals");
     report(0.0);
     std::vector<Cause> larger(rivals.size());
     side_by_side(problem, rivals.size(), [&](Problem& p, std::size_t k) {

@@ -62,7 +62,7 @@ double misfit_of(const Fit& fit, Eigen::Index nominal_parameters) {
 
 double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects, const ErrorFloor& floor,
                    const Calibration& calibration) {
-    // Scaled coordinates and columns of the amplitudes; place and time have been paid for by the search.
+    // Scaled coordinates; columns of the amplitudes, then of places and times.
     const Fit& fit = cause.fit;
     const Eigen::Index theta = nominal.u.size();
     std::vector<Eigen::Index> amplitude, shape;

@@ -65,6 +65,12 @@ Frames observe(const SensorState& state, const Case& nominal, Random& random) {
     return seen;
 }
 
+// A solver's output ends with what went wrong.
+std::string last_words(const std::string& text) {
+    constexpr std::size_t kLength = 300;
+    return text.substr(text.size() > kLength ? text.size() - kLength : 0);
+}
+
 Json to_json(const EffectTruth& truth) {
     const EffectKind& kind = *find_effect(truth.id);
     return {{"id", truth.id},
@@ -132,8 +138,9 @@ Result<CaseMaker::Outcome> CaseMaker::make(const CaseSpec& spec) {
     const auto who = patient(spec);
     if (!who && who.error().kind != ErrorKind::kNotUsable) return tl::unexpected(who.error());
     if (!who && body_options.given)  // all cases are of this patient
-        return not_usable("seed " + std::to_string(seed_) + ": no solution for the undisturbed body; another seed draws " +
-                          "another patient: " + who.error().text);
+        return not_usable("seed " + std::to_string(seed_) +
+                          ": no solution for the undisturbed body; another seed draws another patient. " +
+                          last_words(who.error().text));
     if (!who) reason = who.error().text;
     for (int attempt = 0; who && attempt < kAttempts; ++attempt) {
         const Status made = make_once(spec, **who, attempt);
@@ -142,12 +149,11 @@ Result<CaseMaker::Outcome> CaseMaker::make(const CaseSpec& spec) {
         reason = made.error().text;
     }
     fs::create_directories(label.parent_path());
-    TERES_TRY(write_text_file(label, Json{{"case", spec.name},
-                                          {"discarded", true},
-                                          {"intended", spec.effects},
-                                          {"reason", reason.substr(reason.size() > 300 ? reason.size() - 300 : 0)}}
-                                             .dump(1) +
-                                         "\n"));
+    TERES_TRY(write_text_file(
+        label,
+        Json{{"case", spec.name}, {"discarded", true}, {"intended", spec.effects}, {"reason", last_words(reason)}}.dump(
+            1) +
+            "\n"));
     return Outcome::kDiscarded;
 }
 
