@@ -27,6 +27,7 @@ struct Calibration {
     double unknown_price_most = 20.0;
     /// and besides, because the catalogue holds what is likely [nats].
     double unknown_rarity = 1.0;
+    double unknown_least() const { return unknown_price + unknown_rarity; }
     /// Whitened cost per used number that remains on controls beyond the stated noise: of any body, and of one whose
     /// other models differ, as a share of that difference (error_floor.h).
     double model_error = 0.3;

@@ -220,9 +220,8 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
         sort_by_score(causes);
     }
     out.confusability = confusability(out.screening, out.nominal.J);
-    const bool something =
-        unknown_gain(out.nominal.compared_cost(), problem.floor, options.calibration) >
-        options.calibration.unknown_price + options.calibration.unknown_rarity + options.calibration.none_bonus;
+    const bool something = unknown_gain(out.nominal.compared_cost(), problem.floor, options.calibration) >
+                           options.calibration.unknown_least() + options.calibration.none_bonus;
     const auto add_more = [&] {
         for (int count = 2; something && count <= options.max_effects; ++count) {
             // With inertia, what is left after many periods shows what stands for what.

@@ -110,7 +110,7 @@ Verdict judge(std::vector<Cause> causes, double cost_null, const ErrorFloor& flo
     Verdict verdict;
     const double rest = unexplained(cost_null, floor, calibration);
     const double beyond = unknown_gain(cost_null, floor, calibration);
-    const double least = calibration.unknown_price + calibration.unknown_rarity;
+    const double least = calibration.unknown_least();
     const double price = std::max(least, price_of_rival(causes, rest, calibration) + calibration.unknown_rarity);
     const double unknown = visible_evidence(beyond - price - forms_of_best(causes, floor, calibration));
 
