@@ -28,6 +28,7 @@ struct BlindtestOptions {
     PlanOptions plan;
     TrialOptions trial;
     double floor_mm = 0.0;  // 0: from the controls
+    double least_gap_mm = 0.0;
     bool keep = false;
     std::shared_ptr<const Case> given;
 };
@@ -63,6 +64,7 @@ Status generate(const BlindtestOptions& o, const std::vector<CaseSpec>& cases) {
         maker.body_options.given = o.given;
         maker.body_options.truth_tets = kGivenTruthTets;
     }
+    maker.least_gap_m = 1e-3 * o.least_gap_mm;
     Progress progress("sealed cases", cases.size());
     int discarded = 0;
     for (const CaseSpec& spec : cases) {
@@ -73,8 +75,10 @@ Status generate(const BlindtestOptions& o, const std::vector<CaseSpec>& cases) {
     if (!o.keep) fs::remove_all(scratch);
     TERES_TRY_ASSIGN(const std::string list, seal_list(out, cases));
     TERES_TRY(write_text_file(out / ("seal-" + shard_name(o.plan) + ".sha256"), list));
-    std::printf("%zu cases, %d discarded (CalculiX did not converge)\nseal %s  (SHA-256 of %s/seal-%s.sha256)\n",
-                cases.size(), discarded, sha256(list).c_str(), o.out.c_str(), shard_name(o.plan).c_str());
+    std::printf(
+        "%zu cases, %d discarded (no solution or, with --least-gap-mm, too little to see)\nseal %s  (SHA-256 of "
+        "%s/seal-%s.sha256)\n",
+        cases.size(), discarded, sha256(list).c_str(), o.out.c_str(), shard_name(o.plan).c_str());
     std::fflush(stdout);
     return {};
 }
@@ -181,6 +185,10 @@ void add_blindtest_command(CLI::App& app, int& exit_code) {
     verb->add_option("--body", o.body,
                      "Cases of this body: its mesh, loads, markers and prior; ligament, law and effects are drawn")
         ->type_name("CASE");
+    verb->add_option("--least-gap-mm", o.least_gap_mm,
+                     "generate: draw an effect again until it moves the markers by so much (rms, beside the ligament)")
+        ->type_name("MM")
+        ->check(CLI::NonNegativeNumber);
     verb->add_flag("--static", o.plan.quasi_static,
                    "Without the cases that have inertia (their diagnosis takes ten times as long)");
     verb->add_option("--seed", o.plan.seed, "Same seed, same cases")->capture_default_str();

@@ -437,7 +437,8 @@ TEST(BlindtestCommand, MergesShards) {
 // Small patients: one control and one sensor case, made twice.
 class SmallCases : public ::testing::Test {
   protected:
-    static void make(const fs::path& out, const std::vector<std::string>& effects) {
+    static void make(const fs::path& out, const std::vector<std::string>& effects, double least_gap_m = 0.0,
+                     CaseMaker::Outcome expected = CaseMaker::Outcome::kMade) {
         PlanOptions plan;
         plan.seed = 11;
         plan.cases = static_cast<int>(effects.size());
@@ -450,10 +451,11 @@ class SmallCases : public ::testing::Test {
         maker.body_options.frames = 4;
         maker.body_options.markers = 6;
         maker.body_options.points = 5;
+        maker.least_gap_m = least_gap_m;
         for (const CaseSpec& spec : *cases) {
             const auto outcome = maker.make(spec);
             ASSERT_TRUE(outcome) << outcome.error().text;
-            EXPECT_EQ(*outcome, CaseMaker::Outcome::kMade);
+            EXPECT_EQ(*outcome, expected);
         }
         const auto again = maker.make(cases->front());
         ASSERT_TRUE(again);
@@ -557,6 +559,23 @@ TEST_F(SmallCases, AreTheSameForTheSameSeedAndSealed) {
     const test::Run broken = test::run_teres(score);
     EXPECT_EQ(broken.exit_code, 1);
     EXPECT_THAT(broken.error, ::testing::HasSubstr("not those that were sealed"));
+}
+
+TEST_F(SmallCases, AreDrawnAgainUntilTheyShow) {
+    TERES_REQUIRE_CALCULIX();
+    const ScratchFolder any, visible, never;
+    const auto label = [](const ScratchFolder& out) {
+        return nlohmann::json::parse(*read_text_file(out.path() / "sealed/c0000/label.json"));
+    };
+    make(any.path(), {"depth_scale"});
+    const double shown_mm = label(any)["effects"][0]["gap_mm"];
+    make(visible.path(), {"depth_scale"}, 1.2e-3 * shown_mm);
+    EXPECT_GE(label(visible)["effects"][0]["gap_mm"], 1.2 * shown_mm);
+    EXPECT_GT(label(visible)["attempts"], 1);
+    make(never.path(), {"depth_scale"}, 10.0, CaseMaker::Outcome::kDiscarded);
+    EXPECT_TRUE(label(never)["discarded"]);
+    EXPECT_THAT(label(never)["reason"].get<std::string>(), ::testing::HasSubstr("depth_scale shows"));
+    EXPECT_FALSE(fs::exists(never.path() / "cases"));
 }
 
 }  // namespace

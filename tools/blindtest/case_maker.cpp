@@ -15,7 +15,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
-constexpr int kAttempts = 3;
+constexpr int kAttempts = 3, kVisibleAttempts = 12;
 
 Frames difference(const Frames& a, const Frames& b) {
     Frames d = a;
@@ -142,7 +142,7 @@ Result<CaseMaker::Outcome> CaseMaker::make(const CaseSpec& spec) {
                           ": no solution for the undisturbed body; another seed draws another patient. " +
                           last_words(who.error().text));
     if (!who) reason = who.error().text;
-    for (int attempt = 0; who && attempt < kAttempts; ++attempt) {
+    for (int attempt = 0; who && attempt < (least_gap_m > 0.0 ? kVisibleAttempts : kAttempts); ++attempt) {
         const Status made = make_once(spec, **who, attempt);
         if (made) return Outcome::kMade;
         if (made.error().kind != ErrorKind::kNotUsable) return tl::unexpected(made.error());
@@ -193,8 +193,11 @@ Status CaseMaker::make_once(const CaseSpec& spec, const Patient& patient, int at
     Json label{{"case", spec.name},       {"draw", spec.draw},       {"seed", seed_},
                {"clamped", spec.clamped}, {"dynamic", spec.dynamic}, {"effects", Json::array()}};
     for (std::size_t k = 0; k < truths.size(); ++k) {
+        const double shown_m = unexplained_rms(steps[k], explained);
+        if (shown_m < least_gap_m && truths[k].id != "noise")
+            return not_usable(truths[k].id + " shows " + std::to_string(1e3 * shown_m) + " mm");
         label["effects"].push_back(to_json(truths[k]));
-        label["effects"].back()["gap_mm"] = 1e3 * unexplained_rms(steps[k], explained);
+        label["effects"].back()["gap_mm"] = 1e3 * shown_m;
     }
     Frames rest = patient.control.markers;
     for (auto& frame : rest)

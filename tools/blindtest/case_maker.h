@@ -23,11 +23,14 @@ class CaseMaker {
         : seed_(seed), out_(std::move(out)), scratch_(std::move(scratch)) {}
 
     enum class Outcome { kMade, kWasThere, kDiscarded };
-    /// A case whose solution does not converge is drawn again twice, then discarded (label.json says so).
+    /// A case whose solution does not converge is drawn again twice, one that shows too little eleven times; then it is
+    /// discarded (label.json says so).
     /// Errors: kHostFault (ccx missing, disk); kNotUsable: the one patient of a given body has no solution.
     Result<Outcome> make(const CaseSpec& spec);
     /// Sizes of the bodies (tests make small ones).
     BodyOptions body_options;
+    /// What each effect must move the markers by, beside what the ligament explains, rms [m]; `noise` moves nothing.
+    double least_gap_m = 0.0;
 
   private:
     // A patient with its control motion and what ligament unknowns alone could explain.
