@@ -14,12 +14,13 @@ namespace {
 
 constexpr std::size_t kPolished = 2;
 constexpr int kIterations = 8, kFurtherIterations = 6;  // of a refit
-constexpr double kOutOfReach = 15.0;    // nats between a fitted cause and the screening of one that need not be fitted
-constexpr double kHopeless = 8.0;       // nats by which one more effect is worse than what is known: not worth finishing
-constexpr double kMost = 0.9;           // explained: the search need not go on
-constexpr std::size_t kSecondLook = 3;  // effects fitted besides if it has to
+constexpr double kOutOfReach = 15.0;  // nats between a fitted cause and the screening of one that need not be fitted
+constexpr double kHopeless = 8.0;     // nats by which one more effect is worse than what is known: not worth finishing
+constexpr double kMost = 0.9;         // explained: the search need not go on
+constexpr std::size_t kSecondLook = 3;    // effects fitted besides if it has to
 constexpr double kLeastExplained = 0.02;  // of the nominal cost, by first order: less is not worth a fit
 constexpr double kLeastEarly = 0.1;       // ... of the cost of the beginning of a dynamic recording
+constexpr std::size_t kFurtherBegun = 4;  // mechanical effects fitted beside others for what they explain of it
 constexpr std::size_t kPlaces = 3;        // from which the best answer is fitted
 constexpr double kNearby = 1.5;  // of the best answer's misfit: a fit from another place that stays beyond is given up
 
@@ -112,31 +113,40 @@ std::vector<std::size_t> left_out(const EffectTable& effects, const Base* base) 
     return out;
 }
 
-// Adds what is worth refitting and not yet among `chosen`.
-void choose(const Screening& screening, std::size_t by_score, std::size_t by_share,
-            std::vector<EffectScreening>& chosen) {
-    for (const std::size_t k : worth_refitting(screening, by_score, by_share))
-        if (std::none_of(chosen.begin(), chosen.end(),
-                         [&](const auto& c) { return c.entry == screening.effects[k].entry; }))
-            chosen.push_back(screening.effects[k]);
+std::vector<EffectScreening> chosen_of(const Screening& screening, std::size_t by_score, std::size_t by_share) {
+    std::vector<EffectScreening> chosen;
+    for (const std::size_t k : worth_refitting(screening, by_score, by_share)) chosen.push_back(screening.effects[k]);
+    return chosen;
 }
 
-// Where first order does not reach (a phase that runs away), each mechanical effect is fitted to the beginning (a
-// quarter, then half) and ranked by what it explains there; its values there are where its refit starts.
-Screening try_beginnings(Problem& problem, const Fit& base, const Cause* known, Screening screening) {
+// Amplitudes as far as they count, places and times.
+double fitted_numbers(const EffectTable& effects, std::size_t entry) {
+    const auto all = static_cast<Eigen::Index>(effects[entry].parameters.size());
+    const auto amplitudes = static_cast<Eigen::Index>(effects.num_amplitudes(entry));
+    return static_cast<double>(all - amplitudes + counted_amplitudes(amplitudes));
+}
+
+// Where first order does not reach (a phase that runs away), each mechanical effect without a place, and those with one
+// that explain something there, are fitted to the beginning (a quarter, then half); its values there are where its
+// refit starts. `screening`: of the beginning. Returns what is worth its numbers there, best first, with
+//     score = -(nu/2) ln(left / left without it) - (k/2) ln nu,     k: its numbers [nats]
+std::vector<EffectScreening> try_beginnings(Problem& problem, const Fit& base, const Cause* known,
+                                            Screening screening) {
     const auto fit_first = [](Problem& p, std::size_t share, const Assumption& start, int iterations) {
         return fit_jointly(p.simulator, p.whitener, p.recording.observed, start,
                            {.max_iterations = iterations, .num_frames = p.recording.num_frames / share});
     };
     const auto report = stage(problem.options, known == nullptr ? "trying effects" : "trying further effects");
-    const double before = fit_first(problem, 2, base.at, 3).cost;
+    const double before = fit_first(problem, 2, base.at, 3).cost, nu = problem.options.calibration.nu;
     std::vector<EffectScreening*> tried;
     for (EffectScreening& effect : screening.effects)
-        if (!problem.simulator.effects()[effect.entry].sensor && effect.explained >= kLeastEarly)
+        if (!problem.simulator.effects()[effect.entry].sensor &&
+            (effect.places.empty() || effect.explained >= kLeastEarly))
             tried.push_back(&effect);
     side_by_side(problem, tried.size(), [&](Problem& p, std::size_t k) {
-        if (p.out_of_time()) return;
         EffectScreening& effect = *tried[k];
+        effect.score = 0.0;
+        if (p.out_of_time()) return;
         Assumption start = base.at;
         start.effects.push_back(effect.start);
         halve(p.simulator.effects()[effect.entry], start.effects.back());  // first order asks for too much
@@ -144,13 +154,47 @@ Screening try_beginnings(Problem& problem, const Fit& base, const Cause* known, 
         if (fit.usable) fit = fit_first(p, 2, fit.at, 4);
         if (fit.usable) {
             effect.explained = 1.0 - fit.cost / before;
+            effect.score = -0.5 * nu * std::log(fit.cost / before) -
+                           0.5 * fitted_numbers(p.simulator.effects(), effect.entry) * std::log(nu);
             effect.start = fit.at.effects.back();
         }
         if (&p == &problem) report(static_cast<double>(k + 1) / static_cast<double>(tried.size()));
     });
-    std::stable_sort(screening.effects.begin(), screening.effects.end(),
-                     [](const auto& a, const auto& b) { return a.explained > b.explained; });
-    return screening;
+    std::vector<EffectScreening> begun;
+    for (const EffectScreening* effect : tried)
+        if (effect->score > 0.0) begun.push_back(*effect);
+    std::stable_sort(begun.begin(), begun.end(), [](const auto& a, const auto& b) { return a.score > b.score; });
+    return begun;
+}
+
+// With inertia, what the whole recording says of mechanics at first order is void: no more than the beginning shows.
+void take_from_beginning(const EffectTable& effects, const std::vector<EffectScreening>& begun, Screening& whole) {
+    for (EffectScreening& effect : whole.effects) {
+        if (effects[effect.entry].sensor) continue;
+        const auto found =
+            std::find_if(begun.begin(), begun.end(), [&](const auto& b) { return b.entry == effect.entry; });
+        effect.score = std::min(effect.score, 0.0);
+        effect.explained = found != begun.end() ? found->explained : 0.0;
+        if (found == begun.end()) continue;
+        effect.start = found->start;
+        effect.candidate = found->candidate;
+        effect.search_cost = found->search_cost;
+        effect.places = found->places;
+    }
+    std::stable_sort(whole.effects.begin(), whole.effects.end(),
+                     [](const auto& a, const auto& b) { return a.score > b.score; });
+}
+
+// What is refitted with inertia: mechanics by what it explains of the beginning, a sensor if first order is for it.
+std::vector<EffectScreening> choose_with_inertia(const EffectTable& effects, const std::vector<EffectScreening>& begun,
+                                                 std::size_t most, const Screening& whole) {
+    std::vector<EffectScreening> chosen(begun.begin(),
+                                        begun.begin() + static_cast<std::ptrdiff_t>(std::min(most, begun.size())));
+    const auto sensor = std::find_if(whole.effects.begin(), whole.effects.end(), [&](const EffectScreening& effect) {
+        return effects[effect.entry].sensor && effect.score > 0.0 && effect.explained >= kLeastExplained;
+    });
+    if (sensor != whole.effects.end()) chosen.push_back(*sensor);
+    return chosen;
 }
 
 // Refits and scores what was chosen; rivals whose linear score is out of the best one's reach are left out.
@@ -164,6 +208,7 @@ std::vector<Cause> fit_chosen(Problem& problem, const Fit& nominal, const Base* 
     report(0.0);
     std::vector<Cause> causes;
     const auto settled = [&](const EffectScreening& next) {
+        if (problem.simulator.mechanics().dynamic() && !problem.simulator.effects()[next.entry].sensor) return false;
         const auto best = std::max_element(causes.begin(), causes.end(),
                                            [](const Cause& a, const Cause& b) { return a.score < b.score; });
         const double lead = best->score - (known != nullptr ? known->score : 0.0) - next.score;
@@ -351,12 +396,17 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base
     if (base != nullptr && base->sensors_only)  // first order is nearly exact there
         std::erase_if(screening.effects, [](const EffectScreening& effect) { return effect.score <= 0.0; });
     std::vector<EffectScreening> chosen;
-    if (problem.simulator.mechanics().dynamic())
-        choose(try_beginnings(problem, from, known, screen_first(frames / 4)), 3, 1, chosen);
-    if (known == nullptr)
-        choose(screening, static_cast<std::size_t>(options.num_refits) - 2, 2, chosen);
-    else
-        choose(screening, 2, 1, chosen);
+    if (problem.simulator.mechanics().dynamic()) {
+        const auto begun = try_beginnings(problem, from, known, screen_first(frames / 4));
+        take_from_beginning(problem.simulator.effects(), begun, screening);
+        chosen = choose_with_inertia(problem.simulator.effects(), begun,
+                                     known == nullptr ? static_cast<std::size_t>(options.num_refits) : kFurtherBegun,
+                                     screening);
+    } else if (known == nullptr) {
+        chosen = chosen_of(screening, static_cast<std::size_t>(options.num_refits) - 2, 2);
+    } else {
+        chosen = chosen_of(screening, 2, 1);
+    }
     std::vector<Cause> causes = fit_chosen(problem, nominal, base, chosen);
     if (known == nullptr) add_screened(screening, causes);
     finish(problem, nominal, base, screening, causes);

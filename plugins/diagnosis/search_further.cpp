@@ -73,31 +73,56 @@ bool may_exchange(const Problem& problem, const Cause& base, const Cause& best) 
     return best.entries.size() == 2 && !suffices(problem, best) && best.misfit < kHardlyLess * base.misfit;
 }
 
+// An effect as a set of them has it, for others to be tried with.
+EffectScreening taken_from(const Cause& cause, std::size_t entry, double search_cost) {
+    EffectScreening effect;
+    effect.entry = entry;
+    for (const ActiveEffect& active : cause.fit.at.effects)
+        if (active.entry == entry) effect.start = active;
+    effect.search_cost = search_cost;
+    return effect;
+}
+
+bool same_effects(const Cause& cause, std::vector<std::size_t> entries) {
+    std::vector<std::size_t> own = cause.entries;
+    std::sort(own.begin(), own.end());
+    std::sort(entries.begin(), entries.end());
+    return own == entries;
+}
+
 // With inertia a body that is loaded or held otherwise than the model moves quite differently, and which of several
-// sets looks best depends on what none of them has yet: what the best one gained last is given to its rivals.
-void give_to_rivals(Problem& problem, const Fit& nominal, const Cause& base, const Cause& best,
+// sets looks best depends on what none of them has yet: `gifts` are tried with the best sets of so many effects.
+void give_to_rivals(Problem& problem, const Fit& nominal, const std::vector<EffectScreening>& gifts, std::size_t size,
                     std::vector<Cause>& causes) {
-    EffectScreening added;
-    added.entry = best.entries.back();
-    added.start = best.fit.at.effects.back();
-    added.search_cost = best.search_cost - base.search_cost;
     std::vector<const Cause*> rivals;
     for (const Cause& cause : causes)
-        if (cause.fit.usable && cause.entries.size() == base.entries.size() && cause.entries != base.entries &&
-            !contains(cause, added.entry) && cause.score > base.score - kFarBehind)
-            rivals.push_back(&cause);
+        if (cause.fit.usable && cause.entries.size() == size) rivals.push_back(&cause);
     std::sort(rivals.begin(), rivals.end(), [](const Cause* a, const Cause* b) { return a->score > b->score; });
-    if (rivals.empty()) return;
+    std::erase_if(rivals, [&](const Cause* r) { return r->score < rivals.front()->score - kFarBehind; });
     rivals.resize(std::min(rivals.size(), kRivals));
+    struct Trial {
+        const Cause* known;
+        const EffectScreening* added;
+    };
+    std::vector<Trial> trials;
+    for (const Cause* rival : rivals)
+        for (const EffectScreening& gift : gifts) {
+            std::vector<std::size_t> entries = rival->entries;
+            entries.push_back(gift.entry);
+            if (!contains(*rival, gift.entry) &&
+                std::none_of(causes.begin(), causes.end(), [&](const Cause& c) { return same_effects(c, entries); }))
+                trials.push_back({rival, &gift});
+        }
+    if (trials.empty()) return;
     const auto report = stage(problem.options, "trying the last effect with rivals");
     report(0.0);
-    std::vector<Cause> larger(rivals.size());
-    side_by_side(problem, rivals.size(), [&](Problem& p, std::size_t k) {
+    std::vector<Cause> larger(trials.size());
+    side_by_side(problem, trials.size(), [&](Problem& p, std::size_t k) {
         if (p.out_of_time()) return;
-        larger[k] = refit(p, nominal, rivals[k], added, kIterations);
+        larger[k] = refit(p, nominal, trials[k].known, *trials[k].added, kIterations);
         if (larger[k].fit.usable) settle(p, larger[k], kIterations);
         score(p, nominal, nullptr, larger[k]);
-        if (&p == &problem) report(static_cast<double>(k + 1) / static_cast<double>(rivals.size()));
+        if (&p == &problem) report(static_cast<double>(k + 1) / static_cast<double>(trials.size()));
     });
     std::erase_if(larger, [](const Cause& cause) { return !cause.fit.usable; });
     add(causes, std::move(larger));
@@ -136,6 +161,39 @@ std::vector<Cause> search_on_top_of(Problem& problem, const Fit& nominal, Cause 
     for (Cause& cause : causes)
         if (cause.entries == known.entries) cause.misfit_beside_forms = known.misfit_beside_forms;
     return larger;
+}
+
+// One effect more than the best set; more than the runner-up, too, if that is a single effect and the best one does
+// not end the search. What each gained is given to the rivals of the set it was added to, and so is the first of the
+// best pair unless it has a place: how a body yields and dies out goes with every cause, a place makes up for one.
+void search_with_inertia(Problem& problem, const Fit& nominal, const Cause& base, std::vector<Cause>& causes) {
+    std::vector<EffectScreening> gifts;
+    const auto given = [&](std::size_t entry) {
+        return std::any_of(gifts.begin(), gifts.end(), [&](const auto& gift) { return gift.entry == entry; });
+    };
+    Cause best;
+    const auto search_from = [&](const Cause& from) {
+        std::vector<Cause> larger = search_on_top_of(problem, nominal, from, causes);
+        if (larger.empty() || !larger.front().fit.usable) return false;
+        const Cause& found = larger.front();
+        const std::size_t gained = found.entries.back();
+        if (found.score > from.score && !given(gained))
+            gifts.push_back(taken_from(found, gained, found.search_cost - from.search_cost));
+        if (!best.fit.usable || found.score > best.score) best = found;
+        const bool done = suffices(problem, found);
+        add(causes, std::move(larger));
+        return done;
+    };
+    const bool single = base.entries.size() == 1, done = search_from(base);
+    const Cause* next = single && !done ? runner_up(causes, base) : nullptr;
+    if (next != nullptr && !problem.out_of_time()) search_from(Cause(*next));
+    if (!best.fit.usable || problem.out_of_time()) return;
+    const std::size_t first = best.entries.front();
+    const Cause* alone = fitted_alone(causes, first);
+    const bool placed = centre_of(problem.simulator.effects()[first], best.fit.at.effects.front()).has_value();
+    if (single && alone != nullptr && !placed && !given(first))
+        gifts.push_back(taken_from(best, first, alone->search_cost));
+    give_to_rivals(problem, nominal, gifts, base.entries.size(), causes);
 }
 
 // What a search on top of the beginning found.
@@ -182,6 +240,10 @@ bool search_further(Problem& problem, const Fit& nominal, const Screening& scree
         sort_by_score(causes);
         return causes.front().score > best_before;
     };
+    if (problem.simulator.mechanics().dynamic()) {
+        search_with_inertia(problem, nominal, base, causes);
+        return ended();
+    }
     const auto begins_otherwise = [&] {
         return screening.of_beginning && may_begin_otherwise(problem, base, causes, *screening.of_beginning);
     };
@@ -192,20 +254,13 @@ bool search_further(Problem& problem, const Fit& nominal, const Screening& scree
     if (after.ends_apart || problem.out_of_time()) return ended();
     std::vector<Cause> larger = search_on_top_of(problem, nominal, base, causes);
     const bool done = !larger.empty() && suffices(problem, larger.front());
-    if (const Cause* next = runner_up(causes, base); problem.simulator.mechanics().dynamic() &&
-                                                     base.entries.size() == 1 && !done && next != nullptr &&
-                                                     !problem.out_of_time())
-        add(causes, search_on_top_of(problem, nominal, *next, causes));
     const std::optional<Cause> best =
         !larger.empty() && larger.front().fit.usable ? std::optional(larger.front()) : std::nullopt;
     if (best) add(causes, std::move(larger));
     if (problem.out_of_time()) return ended();
     if (!after.made && !done && begins_otherwise())
         after = search_after_beginning(problem, nominal, *screening.of_beginning, false, causes);
-    if (!best || problem.out_of_time()) return ended();
-    if (problem.simulator.mechanics().dynamic()) {
-        if (best->entries.size() > 2) give_to_rivals(problem, nominal, base, *best, causes);
-    } else if (!after.suffices && may_exchange(problem, base, *best)) {
+    if (best && !problem.out_of_time() && !after.suffices && may_exchange(problem, base, *best)) {
         const Cause rest = without_first(problem, nominal, *best, causes);
         if (rest.fit.usable) {
             keep_better(causes, rest);
