@@ -14,7 +14,7 @@ using Eigen::Vector3d;
 namespace {
 
 constexpr double kClampLayer = 1e-4;      // thickness of the layer that stands for a rigid clamp, over the body's size
-constexpr int kFollowerRounds = 12;       // a pressure follows the surface in rounds ...
+constexpr int kFollowerRounds = 24;       // a pressure follows the surface in rounds ...
 constexpr double kFollowerChange = 1e-3;  // ... until its force changes by less than this share
 
 // Clamped nodes become nodes on a layer of thickness h of the body's own stiffness: k = E A_i / h.
@@ -119,7 +119,9 @@ void ScenePlayer::enter(double t_s, const KnownLoads& loads, const Hypothesis& h
     actions.force_n += scene_->force_n.reshaped();
 }
 
-// The batch holds the state; a pressure is a dead load within a round and follows the surface between rounds.
+// The batch holds the state; a pressure is a dead load within a round and follows the surface between rounds: a fixed
+// point f = F(x(f)), relaxed after Aitken (Kuettler, Wall, Comput Mech 43, 2008, eq. 44) as a body that hangs on little
+// turns under it by more than it turned.
 ScenePlayer::StepResult ScenePlayer::settle(double h, const ExternalActions& actions,
                                             const std::vector<double>& theta) {
     const std::size_t stride = padded_lanes(1), dofs = 3 * model_->num_nodes();
@@ -129,18 +131,30 @@ ScenePlayer::StepResult ScenePlayer::settle(double h, const ExternalActions& act
         return {r.lanes_converged == 1, r.relative_residual};
     }
     StepResult result;
-    Eigen::VectorXd follower = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(dofs)), x(follower.size());
-    for (int round = 0; round < kFollowerRounds; ++round) {
+    Eigen::VectorXd x(static_cast<Eigen::Index>(dofs)), follower, change, last_change;
+    const auto on_surface = [&] {
         for (std::size_t d = 0; d < dofs; ++d) x(static_cast<Eigen::Index>(d)) = batch_[d * stride];
-        const Eigen::VectorXd before = follower;
-        follower.setZero();
-        scene_->add_pressure_force(x.data(), follower.data());
-        if (round > 0 && (follower - before).norm() <= kFollowerChange * follower.norm()) return result;
+        Eigen::VectorXd force = Eigen::VectorXd::Zero(x.size());
+        scene_->add_pressure_force(x.data(), force.data());
+        return force;
+    };
+    follower = on_surface();
+    double relaxation = 1.0;
+    for (int round = 0; round < kFollowerRounds; ++round) {
         ExternalActions loaded = actions;
         loaded.force_n += follower;
         const EquilibriumReport r = model_->stepper().step(loaded, h, theta.data(), batch_.data(), 1);
         result = {r.lanes_converged == 1, r.relative_residual};
         if (!result.converged || dynamic) return result;  // a time step takes the surface at its start
+        last_change.swap(change);
+        change = on_surface() - follower;
+        if (change.norm() <= kFollowerChange * follower.norm()) return result;
+        if (round > 0) {
+            const Eigen::VectorXd bend = change - last_change;
+            if (const double squared = bend.squaredNorm(); squared > 0.0)
+                relaxation *= -last_change.dot(bend) / squared;
+        }
+        follower += relaxation * change;
     }
     result.converged = false;
     return result;

@@ -156,6 +156,47 @@ TEST(Effects, PressureOnOneSideAsInCalculix) {
     EXPECT_LT(difference(c, x, truth->displacement_m), 0.04);
 }
 
+// A block all but rigid on springs at its foot, pressed along its axis on its head, beside the springs' middle. The
+// push P turns with the head, so its moment about the foot stays P e and turns the block until
+//     kappa sin(angle) = P e,   kappa = k sum z_i^2 about the middle of the springs.
+// With the push of the last round (kappa - P L) angle = P e - P L last: with kappa = 1.5 P L every round goes twice as
+// far back as the last one went too far.
+TEST(Effects, PressureTurnsWithABodyThatHangsOnLittle) {
+    Case c = block();
+    c.body.youngs_modulus_pa = 1e6;
+    c.clamped.clear();
+    const double pressure = 50.0, push_n = pressure * kSize[1] * kSize[2], length = kSize[0];
+    std::vector<std::int32_t> foot;
+    double middle = 0.0, squares = 0.0;
+    for (const std::int32_t node : test::nodes_on_plane(c.mesh, 0, 0.0))
+        if (c.mesh.nodes[static_cast<std::size_t>(node)][2] < 0.9 * kSize[2]) foot.push_back(node);
+    const auto z = [&](std::int32_t node) { return c.mesh.nodes[static_cast<std::size_t>(node)][2]; };
+    for (const std::int32_t node : foot) middle += z(node) / double(foot.size());
+    for (const std::int32_t node : foot) squares += std::pow(z(node) - middle, 2);
+    const double kappa = 1.5 * push_n * length;
+    for (const std::int32_t node : foot) {
+        SpringData spring;
+        spring.node_id = node;
+        spring.anchor_m = c.mesh.nodes[static_cast<std::size_t>(node)];
+        spring.law = SpringLaw::kRestShape;
+        spring.k = {kappa / squares, 0.0, 0.0};
+        c.springs.push_back(spring);
+    }
+    const auto x = nodes_under(c, "pressure", {{"pressure", pressure}, {"toward_x", 1.0}}, ElementType::kNodalBlend);
+    const auto at = [&](double height) {
+        for (std::size_t i = 0; i < c.mesh.nodes.size(); ++i)
+            if (std::abs(c.mesh.nodes[i][0] - length) + std::abs(c.mesh.nodes[i][1]) +
+                    std::abs(c.mesh.nodes[i][2] - height) <
+                1e-9)
+                return Vector3d(x[3 * i], x[3 * i + 1], x[3 * i + 2]);
+        return Vector3d(Vector3d::Zero());
+    };
+    const Vector3d edge = at(kSize[2]) - at(0.0);
+    const double sine = push_n * (0.5 * kSize[2] - middle) / kappa;
+    EXPECT_GT(sine, 0.02);
+    EXPECT_NEAR(std::abs(edge.x()) / edge.norm(), sine, 0.02 * sine);
+}
+
 // The effect on a soft nominal body is CalculiX' body with the other modulus.
 TEST(Effects, StiffnessAndVolumeModulusAsInCalculix) {
     TERES_REQUIRE_CALCULIX();
