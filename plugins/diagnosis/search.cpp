@@ -21,6 +21,7 @@ constexpr std::size_t kSecondLook = 3;    // effects fitted besides if it has to
 constexpr double kLeastExplained = 0.02;  // of the nominal cost, by first order: less is not worth a fit
 constexpr double kLeastEarly = 0.1;       // ... of the cost of the beginning of a dynamic recording
 constexpr std::size_t kFurtherBegun = 4;  // mechanical effects fitted beside others for what they explain of it
+constexpr double kLeastOfFamily = 0.1;    // ... by first order, of an effect of the best one's family
 constexpr std::size_t kPlaces = 3;        // from which the best answer is fitted
 constexpr double kNearby = 1.5;  // of the best answer's misfit: a fit from another place that stays beyond is given up
 
@@ -226,6 +227,27 @@ std::vector<Cause> fit_chosen(Problem& problem, const Fit& nominal, const Base* 
     return causes;
 }
 
+// What is of one family with the best cause looks like it, and little tells them apart by first order: it is fitted,
+// too.
+void fit_family(Problem& problem, const Fit& nominal, const Base* base, const Screening& screening,
+                std::vector<Cause>& causes) {
+    sort_by_score(causes);
+    if (causes.empty() || !causes.front().fit.usable || problem.out_of_time()) return;
+    const EffectTable& effects = problem.simulator.effects();
+    const std::string_view family = effects[causes.front().entries.back()].info.family;
+    const auto fitted = [&](std::size_t entry) {
+        return std::any_of(causes.begin(), causes.end(), [&](const Cause& c) { return c.entries.back() == entry; });
+    };
+    std::vector<const EffectScreening*> others;
+    for (const EffectScreening& effect : screening.effects)
+        if (others.size() < 2 && family == effects[effect.entry].info.family && !fitted(effect.entry) &&
+            effect.explained >= kLeastOfFamily)
+            others.push_back(&effect);
+    const int iterations = base == nullptr ? kIterations : kFurtherIterations;
+    for (Cause& cause : fit_beside(problem, nominal, base, causes, others, iterations))
+        causes.push_back(std::move(cause));
+}
+
 // Effects that were not fitted, with their linear score.
 void add_screened(const Screening& screening, std::vector<Cause>& causes) {
     for (const EffectScreening& effect : screening.effects) {
@@ -408,6 +430,7 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base
         chosen = chosen_of(screening, 2, 1);
     }
     std::vector<Cause> causes = fit_chosen(problem, nominal, base, chosen);
+    fit_family(problem, nominal, base, screening, causes);
     if (known == nullptr) add_screened(screening, causes);
     finish(problem, nominal, base, screening, causes);
     return causes;

@@ -11,6 +11,7 @@ namespace {
 
 constexpr int kIterations = 6;
 constexpr double kFarBehind = 15.0;  // nats: no rival any more
+constexpr double kHopeless = 8.0;    // nats by which a set is worse than with one effect less: not worth giving on
 constexpr std::size_t kRivals = 4;   // of a set, that get what it gained
 constexpr double kHardlyLess = 0.9;  // of what is left without the second effect
 constexpr double kVeryMuch = 5.0;    // times what noise and model error explain
@@ -177,7 +178,7 @@ void search_with_inertia(Problem& problem, const Fit& nominal, const Cause& base
         if (larger.empty() || !larger.front().fit.usable) return false;
         const Cause& found = larger.front();
         const std::size_t gained = found.entries.back();
-        if (found.score > from.score && !given(gained))
+        if (found.score > from.score - kHopeless && !given(gained))
             gifts.push_back(taken_from(found, gained, found.search_cost - from.search_cost));
         if (!best.fit.usable || found.score > best.score) best = found;
         const bool done = suffices(problem, found);
