@@ -13,6 +13,7 @@ constexpr int kIterations = 6;
 constexpr double kFarBehind = 15.0;  // nats: no rival any more
 constexpr double kHopeless = 8.0;    // nats by which a set is worse than with one effect less: not worth giving on
 constexpr std::size_t kRivals = 4;   // of a set, that get what it gained
+constexpr double kMostAlone = 0.5;   // explained by a sensor effect that may be half of a pair
 constexpr double kHardlyLess = 0.9;  // of what is left without the second effect
 constexpr double kVeryMuch = 5.0;    // times what noise and model error explain
 constexpr double kFormShare = 0.2;   // standard deviation of a form, share of the effect's motion
@@ -197,6 +198,24 @@ void search_with_inertia(Problem& problem, const Fit& nominal, const Cause& base
     give_to_rivals(problem, nominal, gifts, base.entries.size(), causes);
 }
 
+// A body that moves in every direction may stand for two sensor effects at once, and then nothing is left to search on
+// top of it: the best two that explain most alone are fitted together.
+void pair_sensors(Problem& problem, const Fit& nominal, std::vector<Cause>& causes) {
+    const EffectTable& effects = problem.simulator.effects();
+    std::vector<const Cause*> sensors;
+    for (const Cause& cause : causes)
+        if (cause.fit.usable && cause.entries.size() == 1 && effects[cause.entries[0]].sensor &&
+            cause.explained > kMostAlone)
+            sensors.push_back(&cause);
+    if (sensors.size() < 2) return;
+    std::sort(sensors.begin(), sensors.end(), [](const Cause* a, const Cause* b) { return a->score > b->score; });
+    Cause pair = refit(problem, nominal, sensors[0],
+                       taken_from(*sensors[1], sensors[1]->entries[0], sensors[1]->search_cost), kIterations);
+    if (!pair.fit.usable) return;
+    score(problem, nominal, nullptr, pair);
+    keep_better(causes, std::move(pair));
+}
+
 // What a search on top of the beginning found.
 struct AfterBeginning {
     bool made = false;
@@ -245,6 +264,8 @@ bool search_further(Problem& problem, const Fit& nominal, const Screening& scree
         search_with_inertia(problem, nominal, base, causes);
         return ended();
     }
+    if (base.entries.size() == 1 && !problem.simulator.effects()[base.entries[0]].sensor && !problem.out_of_time())
+        pair_sensors(problem, nominal, causes);
     const auto begins_otherwise = [&] {
         return screening.of_beginning && may_begin_otherwise(problem, base, causes, *screening.of_beginning);
     };

@@ -90,5 +90,53 @@ TEST_F(SearchFurtherWithInertia, RivalsOfASingleEffectGetWhatItGained) {
               (std::vector<std::size_t>{modulus_, gravity_}));
 }
 
+// What a tilt leaves is less than the model's error, so that nothing is searched on top of it: a shifted camera and a
+// marker that slipped are tried together all the same.
+TEST(SearchFurther, TwoSensorEffectsAreTriedTogether) {
+    test::ToyBody body;
+    test::ToyCamera camera;
+    body.known_supports = true;
+    const EffectTable effects(body, &camera, {});
+    const std::vector<double> shift{0.004, -0.003, 0.005}, slip{0.03, -0.02, 0.02, 5.0, 3.0};
+    const std::vector<double> truth = body.motion({{}, {}});
+    std::vector<double> times, observed(truth.size());
+    for (std::size_t f = 0; f < body.num_frames(); ++f) times.push_back(body.time_s(f));
+    camera.observe(
+        std::vector<EffectInstance>{{test::ToyCamera::kRegistration, shift}, {test::ToyCamera::kMarkerSlip, slip}},
+        times, truth, observed);
+    Recording recording = *make_recording({"toy", &body, &camera, observed, kNoise, 1});
+    Simulator simulator(body, &camera, effects);
+    const DiagnosisOptions options;
+    const auto count = static_cast<Eigen::Index>(recording.fit_rows.size());
+    Problem problem{simulator,
+                    recording,
+                    options,
+                    {},
+                    Whitener(recording.fit_rows, Eigen::VectorXd::Constant(count, kNoise),
+                             Eigen::MatrixXd(recording.observed.size(), 0))};
+    problem.discrepancy.columns.resize(recording.observed.size(), 0);
+    const Fit nominal = problem.fit({}, 0);
+    problem.floor = {static_cast<double>(count), nominal.cost};
+    const std::size_t tilt = effects.find("gravity"), registration = effects.find("registration"),
+                      marker_slip = effects.find("marker_slip");
+    const auto fitted = [&](std::size_t entry, const ActiveEffect& start, double explained) {
+        Cause cause;
+        cause.entries = {entry};
+        cause = fitted_from(problem, nominal, std::move(cause), {{}, {start}}, 8);
+        cause.explained = explained;
+        return cause;
+    };
+    std::vector<Cause> causes{fitted(tilt, effects.candidate(tilt, 0), 0.9),
+                              fitted(registration, effects.candidate(registration, 0), 0.6),
+                              fitted(marker_slip, {marker_slip, slip}, 0.6)};
+    causes[0].score = 50.0;
+    Screening screening;
+    search_further(problem, nominal, screening, causes);
+    const auto pair = std::find_if(causes.begin(), causes.end(), [](const Cause& c) { return c.entries.size() == 2; });
+    ASSERT_NE(pair, causes.end());
+    EXPECT_EQ(pair->entries[0] + pair->entries[1], registration + marker_slip);
+    EXPECT_LT(pair->misfit, 1e-3 * nominal.misfit);
+}
+
 }  // namespace
 }  // namespace teres
