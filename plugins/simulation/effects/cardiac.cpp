@@ -1,4 +1,7 @@
-// cardiac: the beating heart pushes on a patch under the diaphragm, F(t) = C cos wt + S sin wt.
+// cardiac: the beating heart pushes on a patch under the diaphragm. A beat is no sinusoid: its second harmonic has the
+// same direction and a share h = a + ib of the first,
+//
+//     F(t) = Re (C - iS) (e^iwt + h e^2iwt)
 #include <cmath>
 #include <numbers>
 
@@ -22,6 +25,8 @@ class Cardiac final : public Effect {
         const double radius = 0.1 * scene.size_m, duration = scene.end_s - scene.start_s;
         d_.parameters.push_back(log_shape("radius", "m", radius, 0.4, 0.02 * scene.size_m, 0.5 * scene.size_m));
         d_.parameters.push_back(log_shape("frequency", "Hz", 1.2, 0.25, 0.5, 3.0));
+        for (const char* name : {"harmonic_cos", "harmonic_sin"})
+            d_.parameters.push_back(shape(name, "1", 0.0, 0.3, -1.0, 1.0));
         if (!(duration > 0.0) || !(scene.data.dt_s < 0.5)) {
             d_.not_applicable = "frames are too far apart to see a heart beat";
             return;
@@ -39,8 +44,9 @@ class Cardiac final : public Effect {
     }
     void apply(std::span<const double> v, Scene& scene) const override {
         const double phase = 2.0 * std::numbers::pi * v[10] * (scene.t_s - scene.start_s);
-        const Eigen::Vector3d F =
-            std::cos(phase) * Eigen::Vector3d(v[0], v[1], v[2]) + std::sin(phase) * Eigen::Vector3d(v[3], v[4], v[5]);
+        const double c2 = std::cos(2.0 * phase), s2 = std::sin(2.0 * phase);
+        const Eigen::Vector3d F = (std::cos(phase) + v[11] * c2 - v[12] * s2) * Eigen::Vector3d(v[0], v[1], v[2]) +
+                                  (std::sin(phase) + v[11] * s2 + v[12] * c2) * Eigen::Vector3d(v[3], v[4], v[5]);
         const Patch patch = surface_patch(scene, {v[6], v[7], v[8]}, v[9]);
         for (std::size_t k = 0; k < patch.node.size(); ++k)
             scene.force_n.col(patch.node[k]) += patch.area_m2[k] / patch.total_m2 * F;

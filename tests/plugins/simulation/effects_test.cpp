@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <numbers>
 
 #include "plugins/simulation/trajectory.h"
 #include "tests/support/box_mesh.h"
@@ -154,6 +155,34 @@ TEST(Effects, PressureOnOneSideAsInCalculix) {
     // lumping on corner nodes: with the linear elements' own quadrature
     const auto x = nodes_under(c, "pressure", {{"pressure", pressure}, {"toward_z", 1.0}});
     EXPECT_LT(difference(c, x, truth->displacement_m), 0.04);
+}
+
+// A small force moves the block in proportion to the pulse: F(t) / C = cos wt + a cos 2wt - b sin 2wt.
+TEST(Effects, AHeartBeatHasASecondHarmonic) {
+    Case c = block();
+    c.num_frames = 6;
+    const double a = 0.3, b = -0.2, frequency = 1.1;
+    const auto x = nodes_under(c, "cardiac",
+                               {{"cos_z", 1e-4},
+                                {"center_x", 0.08},
+                                {"center_y", 0.015},
+                                {"center_z", 0.03},
+                                {"radius", 0.015},
+                                {"frequency", frequency},
+                                {"harmonic_cos", a},
+                                {"harmonic_sin", b}},
+                               ElementType::kNodalBlend);
+    const std::size_t N = c.mesh.nodes.size();
+    std::size_t tip = 0;
+    for (std::size_t i = 0; i < N; ++i)
+        if (c.mesh.nodes[i][0] + c.mesh.nodes[i][2] > c.mesh.nodes[tip][0] + c.mesh.nodes[tip][2]) tip = i;
+    const auto moved = [&](std::size_t frame) { return x[3 * (frame * N + tip) + 2] - c.mesh.nodes[tip][2]; };
+    EXPECT_GT(moved(0), 1e-5);
+    for (std::size_t frame = 1; frame < 6; ++frame) {
+        const double phase = 2.0 * std::numbers::pi * frequency * 0.2 * double(frame);
+        const double pulse = std::cos(phase) + a * std::cos(2.0 * phase) - b * std::sin(2.0 * phase);
+        EXPECT_NEAR(moved(frame) / moved(0), pulse / (1.0 + a), 0.01) << frame;
+    }
 }
 
 // A block all but rigid on springs at its foot, pressed along its axis on its head, beside the springs' middle. The
