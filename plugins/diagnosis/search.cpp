@@ -6,6 +6,7 @@
 #include <numeric>
 #include <string_view>
 
+#include "plugins/diagnosis/beginnings.h"
 #include "plugins/diagnosis/shape_search.h"
 #include "plugins/diagnosis/strong_start.h"
 
@@ -19,7 +20,6 @@ constexpr double kHopeless = 8.0;     // nats by which one more effect is worse 
 constexpr double kMost = 0.9;         // explained: the search need not go on
 constexpr std::size_t kSecondLook = 3;    // effects fitted besides if it has to
 constexpr double kLeastExplained = 0.02;  // of the nominal cost, by first order: less is not worth a fit
-constexpr double kLeastEarly = 0.1;       // ... of the cost of the beginning of a dynamic recording
 constexpr std::size_t kFurtherBegun = 4;  // mechanical effects fitted beside others for what they explain of it
 constexpr double kLeastOfFamily = 0.1;    // ... by first order, of an effect of the best one's family
 constexpr std::size_t kPlaces = 3;        // from which the best answer is fitted
@@ -117,84 +117,6 @@ std::vector<std::size_t> left_out(const EffectTable& effects, const Base* base) 
 std::vector<EffectScreening> chosen_of(const Screening& screening, std::size_t by_score, std::size_t by_share) {
     std::vector<EffectScreening> chosen;
     for (const std::size_t k : worth_refitting(screening, by_score, by_share)) chosen.push_back(screening.effects[k]);
-    return chosen;
-}
-
-// Amplitudes as far as they count, places and times.
-double fitted_numbers(const EffectTable& effects, std::size_t entry) {
-    const auto all = static_cast<Eigen::Index>(effects[entry].parameters.size());
-    const auto amplitudes = static_cast<Eigen::Index>(effects.num_amplitudes(entry));
-    return static_cast<double>(all - amplitudes + counted_amplitudes(amplitudes));
-}
-
-// Where first order does not reach (a phase that runs away), each mechanical effect without a place, and those with one
-// that explain something there, are fitted to the beginning (a quarter, then half); its values there are where its
-// refit starts. `screening`: of the beginning. Returns what is worth its numbers there, best first, with
-//     score = -(nu/2) ln(left / left without it) - (k/2) ln nu,     k: its numbers [nats]
-std::vector<EffectScreening> try_beginnings(Problem& problem, const Fit& base, const Cause* known,
-                                            Screening screening) {
-    const auto fit_first = [](Problem& p, std::size_t share, const Assumption& start, int iterations) {
-        return fit_jointly(p.simulator, p.whitener, p.recording.observed, start,
-                           {.max_iterations = iterations, .num_frames = p.recording.num_frames / share});
-    };
-    const auto report = stage(problem.options, known == nullptr ? "trying effects" : "trying further effects");
-    const double before = fit_first(problem, 2, base.at, 3).cost, nu = problem.options.calibration.nu;
-    std::vector<EffectScreening*> tried;
-    for (EffectScreening& effect : screening.effects)
-        if (!problem.simulator.effects()[effect.entry].sensor &&
-            (effect.places.empty() || effect.explained >= kLeastEarly))
-            tried.push_back(&effect);
-    side_by_side(problem, tried.size(), [&](Problem& p, std::size_t k) {
-        EffectScreening& effect = *tried[k];
-        effect.score = 0.0;
-        if (p.out_of_time()) return;
-        Assumption start = base.at;
-        start.effects.push_back(effect.start);
-        halve(p.simulator.effects()[effect.entry], start.effects.back());  // first order asks for too much
-        Fit fit = fit_first(p, 4, start, 4);
-        if (fit.usable) fit = fit_first(p, 2, fit.at, 4);
-        if (fit.usable) {
-            effect.explained = 1.0 - fit.cost / before;
-            effect.score = -0.5 * nu * std::log(fit.cost / before) -
-                           0.5 * fitted_numbers(p.simulator.effects(), effect.entry) * std::log(nu);
-            effect.start = fit.at.effects.back();
-        }
-        if (&p == &problem) report(static_cast<double>(k + 1) / static_cast<double>(tried.size()));
-    });
-    std::vector<EffectScreening> begun;
-    for (const EffectScreening* effect : tried)
-        if (effect->score > 0.0) begun.push_back(*effect);
-    std::stable_sort(begun.begin(), begun.end(), [](const auto& a, const auto& b) { return a.score > b.score; });
-    return begun;
-}
-
-// With inertia, what the whole recording says of mechanics at first order is void: no more than the beginning shows.
-void take_from_beginning(const EffectTable& effects, const std::vector<EffectScreening>& begun, Screening& whole) {
-    for (EffectScreening& effect : whole.effects) {
-        if (effects[effect.entry].sensor) continue;
-        const auto found =
-            std::find_if(begun.begin(), begun.end(), [&](const auto& b) { return b.entry == effect.entry; });
-        effect.score = std::min(effect.score, 0.0);
-        effect.explained = found != begun.end() ? found->explained : 0.0;
-        if (found == begun.end()) continue;
-        effect.start = found->start;
-        effect.candidate = found->candidate;
-        effect.search_cost = found->search_cost;
-        effect.places = found->places;
-    }
-    std::stable_sort(whole.effects.begin(), whole.effects.end(),
-                     [](const auto& a, const auto& b) { return a.score > b.score; });
-}
-
-// What is refitted with inertia: mechanics by what it explains of the beginning, a sensor if first order is for it.
-std::vector<EffectScreening> choose_with_inertia(const EffectTable& effects, const std::vector<EffectScreening>& begun,
-                                                 std::size_t most, const Screening& whole) {
-    std::vector<EffectScreening> chosen(begun.begin(),
-                                        begun.begin() + static_cast<std::ptrdiff_t>(std::min(most, begun.size())));
-    const auto sensor = std::find_if(whole.effects.begin(), whole.effects.end(), [&](const EffectScreening& effect) {
-        return effects[effect.entry].sensor && effect.score > 0.0 && effect.explained >= kLeastExplained;
-    });
-    if (sensor != whole.effects.end()) chosen.push_back(*sensor);
     return chosen;
 }
 
@@ -419,7 +341,9 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base
         std::erase_if(screening.effects, [](const EffectScreening& effect) { return effect.score <= 0.0; });
     std::vector<EffectScreening> chosen;
     if (problem.simulator.mechanics().dynamic()) {
-        const auto begun = try_beginnings(problem, from, known, screen_first(frames / 4));
+        const auto begun =
+            try_beginnings(problem, from, screen_first(frames / 4),
+                           stage(options, known == nullptr ? "trying effects" : "trying further effects"));
         take_from_beginning(problem.simulator.effects(), begun, screening);
         chosen = choose_with_inertia(problem.simulator.effects(), begun,
                                      known == nullptr ? static_cast<std::size_t>(options.num_refits) : kFurtherBegun,

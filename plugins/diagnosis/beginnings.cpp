@@ -1,0 +1,87 @@
+#include "plugins/diagnosis/beginnings.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "plugins/diagnosis/cause_fit.h"
+
+namespace teres {
+namespace {
+
+constexpr double kLeastEarly = 0.1;       // of the beginning's cost, by first order: less of a place is not tried
+constexpr double kLeastExplained = 0.02;  // of the whole cost, by first order: less of a sensor is not worth a fit
+
+// Amplitudes as far as they count, places and times.
+double fitted_numbers(const EffectTable& effects, std::size_t entry) {
+    const auto all = static_cast<Eigen::Index>(effects[entry].parameters.size());
+    const auto amplitudes = static_cast<Eigen::Index>(effects.num_amplitudes(entry));
+    return static_cast<double>(all - amplitudes + counted_amplitudes(amplitudes));
+}
+
+}  // namespace
+
+std::vector<EffectScreening> try_beginnings(Problem& problem, const Fit& base, Screening screening,
+                                            const Simulator::Progress& report) {
+    const auto fit_first = [](Problem& p, std::size_t share, const Assumption& start, int iterations) {
+        return fit_jointly(p.simulator, p.whitener, p.recording.observed, start,
+                           {.max_iterations = iterations, .num_frames = p.recording.num_frames / share});
+    };
+    const double before = fit_first(problem, 2, base.at, 3).cost, nu = problem.options.calibration.nu;
+    std::vector<EffectScreening*> tried;
+    for (EffectScreening& effect : screening.effects)
+        if (!problem.simulator.effects()[effect.entry].sensor &&
+            (effect.places.empty() || effect.explained >= kLeastEarly))
+            tried.push_back(&effect);
+    side_by_side(problem, tried.size(), [&](Problem& p, std::size_t k) {
+        EffectScreening& effect = *tried[k];
+        effect.score = 0.0;
+        if (p.out_of_time()) return;
+        Assumption start = base.at;
+        start.effects.push_back(effect.start);
+        halve(p.simulator.effects()[effect.entry], start.effects.back());  // first order asks for too much
+        Fit fit = fit_first(p, 4, start, 4);
+        if (fit.usable) fit = fit_first(p, 2, fit.at, 4);
+        if (fit.usable) {
+            effect.explained = 1.0 - fit.cost / before;
+            effect.score = -0.5 * nu * std::log(fit.cost / before) -
+                           0.5 * fitted_numbers(p.simulator.effects(), effect.entry) * std::log(nu);
+            effect.start = fit.at.effects.back();
+        }
+        if (&p == &problem) report(static_cast<double>(k + 1) / static_cast<double>(tried.size()));
+    });
+    std::vector<EffectScreening> begun;
+    for (const EffectScreening* effect : tried)
+        if (effect->score > 0.0) begun.push_back(*effect);
+    std::stable_sort(begun.begin(), begun.end(), [](const auto& a, const auto& b) { return a.score > b.score; });
+    return begun;
+}
+
+void take_from_beginning(const EffectTable& effects, const std::vector<EffectScreening>& begun, Screening& whole) {
+    for (EffectScreening& effect : whole.effects) {
+        if (effects[effect.entry].sensor) continue;
+        const auto found =
+            std::find_if(begun.begin(), begun.end(), [&](const auto& b) { return b.entry == effect.entry; });
+        effect.score = std::min(effect.score, 0.0);
+        effect.explained = found != begun.end() ? found->explained : 0.0;
+        if (found == begun.end()) continue;
+        effect.start = found->start;
+        effect.candidate = found->candidate;
+        effect.search_cost = found->search_cost;
+        effect.places = found->places;
+    }
+    std::stable_sort(whole.effects.begin(), whole.effects.end(),
+                     [](const auto& a, const auto& b) { return a.score > b.score; });
+}
+
+std::vector<EffectScreening> choose_with_inertia(const EffectTable& effects, const std::vector<EffectScreening>& begun,
+                                                 std::size_t most, const Screening& whole) {
+    std::vector<EffectScreening> chosen(begun.begin(),
+                                        begun.begin() + static_cast<std::ptrdiff_t>(std::min(most, begun.size())));
+    const auto sensor = std::find_if(whole.effects.begin(), whole.effects.end(), [&](const EffectScreening& effect) {
+        return effects[effect.entry].sensor && effect.score > 0.0 && effect.explained >= kLeastExplained;
+    });
+    if (sensor != whole.effects.end()) chosen.push_back(*sensor);
+    return chosen;
+}
+
+}  // namespace teres
