@@ -123,7 +123,9 @@ void give_to_rivals(Problem& problem, const Fit& nominal, const std::vector<Effe
         if (p.out_of_time()) return;
         larger[k] = refit(p, nominal, trials[k].known, *trials[k].added, kIterations);
         if (larger[k].fit.usable) settle(p, larger[k], kIterations);
-        score(p, nominal, nullptr, larger[k]);
+        const Fit& alone = trials[k].known->fit;
+        const Base base{*trials[k].known, p.whitener, alone, misfit_under(p, p.whitener, alone, nominal.u.size())};
+        score(p, nominal, &base, larger[k]);
         if (&p == &problem) report(static_cast<double>(k + 1) / static_cast<double>(trials.size()));
     });
     std::erase_if(larger, [](const Cause& cause) { return !cause.fit.usable; });
