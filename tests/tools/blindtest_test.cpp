@@ -437,25 +437,28 @@ TEST(BlindtestCommand, MergesShards) {
 // Small patients: one control and one sensor case, made twice.
 class SmallCases : public ::testing::Test {
   protected:
-    static void make(const fs::path& out, const std::vector<std::string>& effects, double least_gap_m = 0.0,
-                     CaseMaker::Outcome expected = CaseMaker::Outcome::kMade) {
+    static CaseMaker small_maker(const fs::path& out) {
+        CaseMaker maker(11, out, out / "scratch");
+        maker.body_options.truth_tets = 120;
+        maker.body_options.case_tets = 200;
+        maker.body_options.frames = 4;
+        maker.body_options.markers = 6;
+        maker.body_options.points = 5;
+        return maker;
+    }
+
+    static void make(const fs::path& out, const std::vector<std::string>& effects) {
         PlanOptions plan;
         plan.seed = 11;
         plan.cases = static_cast<int>(effects.size());
         plan.effects = effects;
         const auto cases = plan_cases(plan);
         ASSERT_TRUE(cases);
-        CaseMaker maker(plan.seed, out, out / "scratch");
-        maker.body_options.truth_tets = 120;
-        maker.body_options.case_tets = 200;
-        maker.body_options.frames = 4;
-        maker.body_options.markers = 6;
-        maker.body_options.points = 5;
-        maker.least_gap_m = least_gap_m;
+        CaseMaker maker = small_maker(out);
         for (const CaseSpec& spec : *cases) {
             const auto outcome = maker.make(spec);
             ASSERT_TRUE(outcome) << outcome.error().text;
-            EXPECT_EQ(*outcome, expected);
+            EXPECT_EQ(*outcome, CaseMaker::Outcome::kMade);
         }
         const auto again = maker.make(cases->front());
         ASSERT_TRUE(again);
@@ -563,19 +566,25 @@ TEST_F(SmallCases, AreTheSameForTheSameSeedAndSealed) {
 
 TEST_F(SmallCases, AreDrawnAgainUntilTheyShow) {
     TERES_REQUIRE_CALCULIX();
-    const ScratchFolder any, visible, never;
-    const auto label = [](const ScratchFolder& out) {
-        return nlohmann::json::parse(*read_text_file(out.path() / "sealed/c0000/label.json"));
+    const ScratchFolder out;
+    CaseMaker maker = small_maker(out.path());
+    const auto made = [&](const char* name, double least_gap_m) {
+        maker.least_gap_m = least_gap_m;
+        const auto outcome = maker.make({name, 0, {"depth_scale"}});
+        EXPECT_TRUE(outcome) << outcome.error().text;
+        return *outcome;
     };
-    make(any.path(), {"depth_scale"});
-    const double shown_mm = label(any)["effects"][0]["gap_mm"];
-    make(visible.path(), {"depth_scale"}, 1.2e-3 * shown_mm);
-    EXPECT_GE(label(visible)["effects"][0]["gap_mm"], 1.2 * shown_mm);
-    EXPECT_GT(label(visible)["attempts"], 1);
-    make(never.path(), {"depth_scale"}, 10.0, CaseMaker::Outcome::kDiscarded);
-    EXPECT_TRUE(label(never)["discarded"]);
-    EXPECT_THAT(label(never)["reason"].get<std::string>(), ::testing::HasSubstr("depth_scale shows"));
-    EXPECT_FALSE(fs::exists(never.path() / "cases"));
+    const auto label = [&](const char* name) {
+        return nlohmann::json::parse(*read_text_file(out.path() / "sealed" / name / "label.json"));
+    };
+    ASSERT_EQ(made("c0000", 0.0), CaseMaker::Outcome::kMade);
+    const double shown_mm = label("c0000")["effects"][0]["gap_mm"];
+    ASSERT_EQ(made("c0001", 1.2e-3 * shown_mm), CaseMaker::Outcome::kMade);
+    EXPECT_GE(label("c0001")["effects"][0]["gap_mm"], 1.2 * shown_mm);
+    ASSERT_EQ(made("c0002", 10.0), CaseMaker::Outcome::kDiscarded);
+    EXPECT_TRUE(label("c0002")["discarded"]);
+    EXPECT_THAT(label("c0002")["reason"].get<std::string>(), ::testing::HasSubstr("depth_scale shows"));
+    EXPECT_FALSE(fs::exists(out.path() / "cases/c0002"));
 }
 
 }  // namespace
