@@ -111,6 +111,41 @@ TEST(CalculixRecording, WedgesContinueTheTetrahedra) {
     for (const auto& [node, u] : solution->displacement_m[0]) EXPECT_NEAR(u[2], 0.01 * side, 2e-3 * 0.01 * side);
 }
 
+// A block all but rigid, drawn against strings whose table begins with no force at all: n k (e + slack) = P.
+TEST(CalculixRecording, StringsMayBeginWithoutForce) {
+    TERES_REQUIRE_CALCULIX();
+    const double side = 0.01, k = 20.0, ahead = 0.001;
+    const TruthMesh mesh(block_mesh({side, side, side}, {1, 1, 1}));
+    CalculixRecording recording;
+    recording.nodes = mesh.nodes();
+    const CalculixMaterial body{
+        .law = CalculixMaterial::Law::kNeoHookean, .youngs_modulus_pa = 1e6, .poissons_ratio = 0.3};
+    recording.parts = {{Part::Element::kTet10, mesh.tets10(), body}};
+    for (const int axis : {1, 2})
+        recording.supports.push_back({nodes_at(mesh.nodes(), static_cast<std::size_t>(axis), 0.0), axis, {}});
+    const auto back = nodes_at(mesh.nodes(), 0, 0.0), front = nodes_at(mesh.nodes(), 0, side);
+    for (const std::int32_t node : back) {
+        Point anchor = mesh.nodes()[static_cast<std::size_t>(node)];
+        anchor[0] -= 0.05;
+        recording.line_springs.push_back({node, anchor, {{-0.1, 0.0}, {-ahead, 0.0}, {0.1, k * (0.1 + ahead)}}});
+    }
+    const auto strings = static_cast<double>(back.size());
+    const double pull_n = 2.0 * ahead * strings * k;
+    NodalLoad pull{{}, {{0.0, 0.5, 10.0}, {0.5, 1.0, 1.0}}};
+    for (const std::int32_t node : front)
+        pull.pattern.push_back({node, {pull_n / static_cast<double>(front.size()), 0.0, 0.0}});
+    recording.loads = {pull};
+    recording.times_s = {1.0};
+    recording.max_increment_s = 0.1;
+    recording.residual = 1e-4;
+    recording.correction = 1e-3;
+    recording.output_nodes = {back.front()};
+    const ScratchFolder scratch;
+    const auto solution = solve_recording(recording, scratch.path(), 60.0);
+    ASSERT_TRUE(solution) << solution.error().text;
+    EXPECT_NEAR(solution->displacement_m[0].at(back.front())[0], pull_n / (strings * k) - ahead, 0.05 * ahead);
+}
+
 // The same clamped block under the same growing load: ten-node elements by CalculiX, a finer mesh by `teres simulate`.
 TEST(CalculixRecording, ControlAgreesWithOurOwnSimulation) {
     TERES_REQUIRE_CALCULIX();

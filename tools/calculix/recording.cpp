@@ -1,11 +1,19 @@
 #include "tools/calculix/recording.h"
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <sstream>
 
 namespace teres::calculix {
 namespace {
+
+// The first data line of a spring: what has no decimal point is taken for a degree of freedom there.
+std::string decimal(double value) {
+    std::string text = number(value);
+    if (text.find('.') == std::string::npos) text.insert(std::min(text.find('e'), text.size()), ".");
+    return text;
+}
 
 class Writer {
   public:
@@ -63,7 +71,7 @@ class Writer {
                  << ", NONLINEAR\n\n";
             ++set;
             for (const auto& [elongation, force] : spring.elongation_force)
-                out_ << number(force) << ", " << number(elongation) << "\n";
+                out_ << decimal(force) << ", " << decimal(elongation) << "\n";
         }
         for (const auto& [node, mass] : r_.masses_kg) {
             out_ << "*ELEMENT, TYPE=MASS, ELSET=G" << set << "\n"
