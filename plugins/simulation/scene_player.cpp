@@ -120,7 +120,7 @@ void ScenePlayer::enter(double t_s, const KnownLoads& loads, const Hypothesis& h
 }
 
 // The batch holds the state; a pressure is a dead load within a round and follows the surface between rounds: a fixed
-// point f = F(x(f)), relaxed after Aitken (Kuettler, Wall, Comput Mech 43, 2008, eq. 44) as a body that hangs on little
+// point f = F(x(f)), relaxed after Aitken (Kuettler, Wall, Comput Mech 43, 2008) as a body that hangs on little
 // turns under it by more than it turned.
 ScenePlayer::StepResult ScenePlayer::settle(double h, const ExternalActions& actions,
                                             const std::vector<double>& theta) {
