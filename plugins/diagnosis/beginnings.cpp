@@ -8,8 +8,7 @@
 namespace teres {
 namespace {
 
-constexpr double kLeastEarly = 0.1;       // of the beginning's cost, by first order: less of a place is not tried
-constexpr double kLeastExplained = 0.02;  // of the whole cost, by first order: less of a sensor is not worth a fit
+constexpr double kLeastEarly = 0.1;  // of the beginning's cost, by first order: less of a place is not tried
 
 // Amplitudes as far as they count, places and times.
 double fitted_numbers(const EffectTable& effects, std::size_t entry) {

@@ -5,6 +5,9 @@
 
 namespace teres {
 
+/// Nats by which a set is worse than with one effect less: neither finished nor given on.
+inline constexpr double kHopeless = 8.0;
+
 /// What one more effect is searched on top of: known effects, which may be off in their form (form_columns.h).
 struct Base {
     const Cause& known;

@@ -19,6 +19,9 @@
 
 namespace teres {
 
+/// Share of the nominal cost that an effect must explain by first order to be worth a fit.
+inline constexpr double kLeastExplained = 0.02;
+
 /// The best candidate of an effect at one place of its search grid.
 struct PlaceGain {
     Eigen::Vector3d centre_m;

@@ -15,13 +15,11 @@ namespace {
 
 constexpr std::size_t kPolished = 2;
 constexpr int kIterations = 8, kFurtherIterations = 6;  // of a refit
-constexpr double kOutOfReach = 15.0;  // nats between a fitted cause and the screening of one that need not be fitted
-constexpr double kHopeless = 8.0;     // nats by which one more effect is worse than what is known: not worth finishing
-constexpr double kMost = 0.9;         // explained: the search need not go on
-constexpr std::size_t kSecondLook = 3;    // effects fitted besides if it has to
-constexpr double kLeastExplained = 0.02;  // of the nominal cost, by first order: less is not worth a fit
+constexpr double kOutOfReach = 15.0;    // nats between a fitted cause and the screening of one that need not be fitted
+constexpr double kMost = 0.9;           // explained: the search need not go on
+constexpr std::size_t kSecondLook = 3;  // effects fitted besides if it has to
 constexpr std::size_t kFurtherBegun = 4;  // mechanical effects fitted beside others for what they explain of it
-constexpr double kLeastOfFamily = 0.1;    // ... by first order, of an effect of the best one's family
+constexpr double kLeastOfFamily = 0.1;    // share explained by first order, of an effect of the best one's family
 constexpr std::size_t kPlaces = 3;        // from which the best answer is fitted
 constexpr double kNearby = 1.5;  // of the best answer's misfit: a fit from another place that stays beyond is given up
 

@@ -11,7 +11,6 @@ namespace {
 
 constexpr int kIterations = 6;
 constexpr double kFarBehind = 15.0;  // nats: no rival any more
-constexpr double kHopeless = 8.0;    // nats by which a set is worse than with one effect less: not worth giving on
 constexpr std::size_t kRivals = 4;   // of a set, that get what it gained
 constexpr double kMostAlone = 0.5;   // explained by a sensor effect that may be half of a pair
 constexpr double kHardlyLess = 0.9;  // of what is left without the second effect
