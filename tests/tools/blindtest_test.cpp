@@ -165,6 +165,28 @@ TEST(Seal, IsSha256) {  // FIPS 180-2, appendix B.1
 
 // By hand: d = (3, 4) in two frames, explained direction (1, 1): the rest is (-0.5, 0.5).
 // A contact that pushes at rest is a steady force, whatever its label says.
+// The nominal model's clamp: of the extent of the truth's, or a body that little else holds swings on it otherwise.
+TEST(TruthBody, ClampOfTheCaseIsAsLarge) {
+    TERES_REQUIRE_CALCULIX();
+    for (const std::uint64_t seed : {3U, 7U, 11U}) {
+        const ScratchFolder scratch;
+        const auto body = TruthBody::make({.seed = seed, .clamped = true}, scratch.path());
+        ASSERT_TRUE(body) << body.error().text;
+        double truth_m2 = 0.0, case_m2 = 0.0;
+        for (const std::int32_t t : body->mesh().find(body->clamp()))
+            truth_m2 += body->mesh().area(static_cast<std::size_t>(t));
+        const Case& nominal = body->nominal();
+        const std::set<std::int32_t> held(nominal.clamped.begin(), nominal.clamped.end());
+        for (const auto& [a, b, c] : Surface(nominal.mesh).triangles()) {
+            if (!held.contains(a) || !held.contains(b) || !held.contains(c)) continue;
+            const auto at = [&](std::int32_t n) { return nominal.mesh.nodes[static_cast<std::size_t>(n)]; };
+            case_m2 += 0.5 * norm(cross(minus(at(b), at(a)), minus(at(c), at(a))));
+        }
+        ASSERT_GT(truth_m2, 0.0);
+        EXPECT_NEAR(case_m2 / truth_m2, 1.0, 0.2) << "seed " << seed;
+    }
+}
+
 TEST(MechanicalEffects, AContactPushesOnlyWhatRunsIntoIt) {
     TERES_REQUIRE_CALCULIX();
     const ScratchFolder scratch;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "core/case/geometry.h"
@@ -57,6 +58,44 @@ std::vector<std::int32_t> nodes_of(const TruthMesh& mesh, const Facets& facets) 
     std::sort(ids.begin(), ids.end());
     ids.erase(std::unique(ids.begin(), ids.end()), ids.end());
     return ids;
+}
+
+// Nodes of another mesh of the body that hold as much of its surface as a patch of the truth: where little else holds,
+// the extent of a clamp decides how far the body swings. The nearest first, until the triangles between them have the
+// patch's area.
+std::vector<std::int32_t> nodes_covering(const TruthMesh& truth, const Facets& patch, const TetMeshData& mesh,
+                                         const Surface& surface) {
+    std::vector<std::int32_t> on_patch = truth.find(patch);
+    std::sort(on_patch.begin(), on_patch.end());
+    double area_m2 = 0.0;
+    for (const std::int32_t t : on_patch) area_m2 += truth.area(static_cast<std::size_t>(t));
+    const std::vector<std::int32_t> around = nodes_of(truth, patch);
+    const auto position = [&](std::int32_t node) -> const Point& { return mesh.nodes[static_cast<std::size_t>(node)]; };
+    std::vector<std::pair<double, std::int32_t>> nearest;
+    for (const std::int32_t node : surface.nodes()) {
+        double away = std::numeric_limits<double>::infinity();
+        for (const std::int32_t a : around)
+            away = std::min(away, distance(position(node), truth.nodes()[static_cast<std::size_t>(a)]));
+        const std::int32_t on = truth.surface().closest(position(node)).triangle;
+        nearest.emplace_back(std::binary_search(on_patch.begin(), on_patch.end(), on) ? 0.0 : away, node);
+    }
+    std::sort(nearest.begin(), nearest.end());
+    std::vector<char> held(mesh.nodes.size(), 0);
+    const auto covered_m2 = [&] {
+        double sum = 0.0;
+        for (const auto& [a, b, c] : surface.triangles())
+            if (held[static_cast<std::size_t>(a)] && held[static_cast<std::size_t>(b)] &&
+                held[static_cast<std::size_t>(c)])
+                sum += 0.5 * norm(cross(minus(position(b), position(a)), minus(position(c), position(a))));
+        return sum;
+    };
+    std::vector<std::int32_t> nodes;
+    for (std::size_t k = 0; k < nearest.size() && covered_m2() < area_m2; ++k) {
+        nodes.push_back(nearest[k].second);
+        held[static_cast<std::size_t>(nodes.back())] = 1;
+    }
+    std::sort(nodes.begin(), nodes.end());
+    return nodes;
 }
 
 // The load of a quadratic face falls on its mid-edge nodes, a third of the area each.
@@ -230,13 +269,7 @@ void TruthBody::place_loads(Random& random) {
         }
     }
     if (!options_.clamped) return;
-    // The held patch is anatomy that the modeller sees: the nodes of his mesh that lie on it.
-    std::vector<std::int32_t> held = mesh_.find(clamp_);
-    std::sort(held.begin(), held.end());
-    for (const std::int32_t node : surface.nodes()) {
-        const SurfacePoint on = mesh_.surface().closest(c.mesh.nodes[static_cast<std::size_t>(node)]);
-        if (std::binary_search(held.begin(), held.end(), on.triangle)) c.clamped.push_back(node);
-    }
+    c.clamped = nodes_covering(mesh_, clamp_, c.mesh, surface);  // anatomy that the modeller sees
 }
 
 // Markers: facets that the camera sees, clear of the ligament and the clamp, spread out. Points: inside, below the
