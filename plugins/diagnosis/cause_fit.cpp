@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "plugins/diagnosis/shape_search.h"
+#include "plugins/diagnosis/strong_start.h"
 #include "plugins/diagnosis/white_noise.h"
 
 namespace teres {
@@ -12,6 +13,8 @@ namespace {
 constexpr int kAttempts = 3;
 constexpr int kShapeRounds = 3;    // of moved onsets and windows, and everything fitted again
 constexpr double kImproved = 0.8;  // of the cost: worth another round
+constexpr int kInstantRounds = 3;
+constexpr double kMoved = 0.99;  // of the misfit: a better instant
 constexpr int kSettleRounds = 3;
 constexpr double kSettled = 0.95;  // of what was left: no further round
 constexpr double kFarOff = 2.0;    // times the misfit without the effect: no start
@@ -54,6 +57,16 @@ void halve(const EffectEntry& entry, ActiveEffect& effect) {
     }
 }
 
+void settle_instant(Problem& problem, Fit& fit, int iterations) {
+    for (int round = 0; round < kInstantRounds && fit.usable && !problem.out_of_time(); ++round) {
+        const auto moved = at_best_instant(problem, fit.at);
+        if (!moved || moved->left > kMoved * fit.misfit) return;
+        Fit again = fit_from_whole(problem, moved->at, iterations);
+        if (!again.usable || again.cost >= fit.cost) return;
+        fit = std::move(again);
+    }
+}
+
 Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const EffectScreening& added, int iterations) {
     Cause cause;
     Assumption start = known != nullptr ? known->fit.at : nominal.at;
@@ -84,6 +97,7 @@ Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const Effe
         halve(entry, start.effects.back());
     }
     cause.fit = problem.fit(start, iterations);
+    settle_instant(problem, cause.fit, iterations);
     if (!cause.fit.usable) return cause;
     for (int round = 0; round < kShapeRounds && cause.fit.misfit < problem.out_of_reach; ++round) {
         const double before = cause.fit.cost;

@@ -28,6 +28,10 @@ Fit fit_from_whole(Problem& problem, const Assumption& start, int iterations);
 /// A cause (its effects and their search cost) fitted and scored from given values.
 Cause fitted_from(Problem& problem, const Fit& nominal, Cause cause, const Assumption& start, int iterations);
 
+/// A fit of an event whose last effect happens at another instant than descent led to, fitted on from there: every
+/// instant is tried (at_best_instant).
+void settle_instant(Problem& problem, Fit& fit, int iterations);
+
 /// Fits on from where the cause is until little is gained: not settled, what is left of its own would be explained by
 /// whatever is added to it. Scored by the caller.
 void settle(Problem& problem, Cause& cause, int iterations);

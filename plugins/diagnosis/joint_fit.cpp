@@ -7,15 +7,16 @@
 namespace teres {
 namespace {
 
-constexpr double kHuber = 3.0;     // weight falls from here on, in medians of the marker distances
-constexpr double kMaxStep = 2.5;   // of a scaled coordinate in one iteration: keeps linearised steps in reach
-constexpr double kDamping = 1e-2;  // at the start
-constexpr double kGrowth = 4.0;    // of the damping after a step that was worse; doubled when it happens again
+constexpr double kHuber = 3.0;        // weight falls from here on, in medians of the marker distances
+constexpr double kMaxStep = 2.5;      // of a scaled coordinate in one iteration: keeps linearised steps in reach
+constexpr double kDamping = 1e-2;     // at the start
+constexpr double kGrowth = 4.0;       // of the damping after a step that was worse; doubled when it happens again
 constexpr double kFarFromBase = 1.0;  // scaled coordinates from where the tangents were made: they no longer serve
-constexpr double kNoMove = 1e-9;  // scaled coordinates
+constexpr double kNoMove = 1e-9;      // scaled coordinates
 constexpr double kMaxDamping = 1e6;
-constexpr int kLeastIterations = 4;  // also when the time is used up
-constexpr int kPatience = 2;  // steps whose gain tells what the next ones can bring
+constexpr double kSaysNothing = 1e-3;  // information on a scaled coordinate, whose prior's is 1
+constexpr int kLeastIterations = 4;    // also when the time is used up
+constexpr int kPatience = 2;           // steps whose gain tells what the next ones can bring
 
 // Square roots of Huber weights per trajectory row: marker distances against their median.
 Eigen::VectorXd huber_roots(const Eigen::VectorXd& difference) {
@@ -180,7 +181,11 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
         // (J'J + I + damping) du = J'r - u
         const Eigen::MatrixXd normal =
             best.J.transpose() * best.J + Eigen::MatrixXd::Identity(best.J.cols(), best.J.cols());
-        const Eigen::VectorXd gradient = best.J.transpose() * best.residual - best.u;
+        Eigen::VectorXd gradient = best.J.transpose() * best.residual - best.u;
+        // An effect's coordinate of which the recording says nothing here stays: an instant between two frames would
+        // be drawn to the middle of the recording.
+        for (auto k = static_cast<Eigen::Index>(start.theta.size()); k < gradient.size(); ++k)
+            if (best.J.col(k).squaredNorm() < kSaysNothing) gradient(k) = 0.0;
         const auto promised = [&](const Eigen::VectorXd& du) {
             return best.cost - (best.residual - best.J * du).squaredNorm() - (best.u + du).squaredNorm();
         };

@@ -62,12 +62,26 @@ ActiveEffect scaled(const EffectEntry& entry, const ActiveEffect& full, const st
     return out;
 }
 
-// Keeps the best candidate of each place.
-void take_place(std::vector<PlaceGain>& places, const std::optional<Eigen::Vector3d>& centre, PlaceGain gain) {
+// Whether two candidates move the same amplitudes away from null.
+bool same_amplitudes(const EffectEntry& entry, const ActiveEffect& a, const ActiveEffect& b) {
+    for (std::size_t p = 0; p < entry.parameters.size(); ++p) {
+        const EffectParameter& parameter = entry.parameters[p];
+        if (parameter.role == EffectRole::kAmplitude &&
+            (a.values[p] == parameter.null_value) != (b.values[p] == parameter.null_value))
+            return false;
+    }
+    return true;
+}
+
+// Keeps the best candidate of each place, for each set of amplitudes.
+void take_place(const EffectTable& table, std::size_t e, PlaceGain gain, std::vector<PlaceGain>& places) {
+    const ActiveEffect full = table.candidate(e, gain.candidate);
+    const auto centre = centre_of(table[e], full);
     if (!centre) return;
     gain.centre_m = *centre;
-    const auto same =
-        std::find_if(places.begin(), places.end(), [&](const PlaceGain& p) { return p.centre_m == *centre; });
+    const auto same = std::find_if(places.begin(), places.end(), [&](const PlaceGain& p) {
+        return p.centre_m == *centre && same_amplitudes(table[e], table.candidate(e, p.candidate), full);
+    });
     if (same == places.end())
         places.push_back(std::move(gain));
     else if (gain.score > same->score)
@@ -198,7 +212,7 @@ Screening screen(const Simulator& simulator, const Signatures& signatures, const
             scores.push_back(score);
             const double explained = 1.0 - cost / out.cost_null;
             const ActiveEffect start = scaled(table[e], full, amplitude, a);
-            take_place(effect.places, centre_of(table[e], full), {{}, score, explained, start, c.index});
+            take_place(table, e, {{}, score, explained, start, c.index}, effect.places);
             if (score > best) {
                 best = score;
                 effect.explained = explained;

@@ -22,7 +22,7 @@ namespace teres {
 /// Share of the nominal cost that an effect must explain by first order to be worth a fit.
 inline constexpr double kLeastExplained = 0.02;
 
-/// The best candidate of an effect at one place of its search grid.
+/// The best candidate of an effect at one place of its search grid, among those that move the same amplitudes.
 struct PlaceGain {
     Eigen::Vector3d centre_m;
     double score = 0.0, explained = 0.0;  ///< as in EffectScreening

@@ -76,6 +76,7 @@ void refit_strongly(Problem& problem, const Fit& nominal, const StrongStart& sta
     if (!problem.simulator.simulate(start.at, trajectory)) return;  // the base of what follows
     Cause other = cause;
     other.fit = problem.fit(start.at, kIterations);
+    settle_instant(problem, other.fit, kIterations);
     if (!other.fit.usable || (cause.fit.usable && other.fit.cost >= cause.fit.cost)) return;
     improve_shapes(problem.simulator, problem.whitener, problem.recording.observed, other.fit);
     cause = std::move(other);
@@ -290,18 +291,19 @@ void fit_at_full_size(Problem& problem, const Fit& nominal, const std::vector<co
     const double before = left_at(problem, frames, nominal.trajectory);
     const std::vector<double> theta = prior_median(problem.simulator.mechanics()).theta;
     std::vector<StrongStart> starts;
-    std::vector<Cause> strong;
+    std::vector<Cause> strong;  // one per start
     for (std::size_t k = 0; k < supports.size() && !problem.out_of_time(); ++k) {
         const EffectScreening& support = *supports[k];
-        const auto start =
-            best_strong_start(problem, frames, strong_starts(problem.simulator.effects(), support, theta));
-        report(0.5 * static_cast<double>(k + 1) / static_cast<double>(supports.size()));
-        if (!start || (at_once && start->left >= before)) continue;
-        starts.push_back(*start);
         const Cause* alone = fitted_alone(causes, support.entry);
-        strong.push_back(alone != nullptr ? *alone : Cause{});
-        strong.back().entries = {support.entry};
-        strong.back().search_cost = support.search_cost;
+        for (StrongStart& start :
+             best_strong_starts(problem, frames, strong_starts(problem.simulator.effects(), support, theta))) {
+            if (at_once && start.left >= before) continue;
+            starts.push_back(std::move(start));
+            strong.push_back(alone != nullptr ? *alone : Cause{});
+            strong.back().entries = {support.entry};
+            strong.back().search_cost = support.search_cost;
+        }
+        report(0.5 * static_cast<double>(k + 1) / static_cast<double>(supports.size()));
     }
     for (std::size_t first = 0; first < strong.size() && !problem.out_of_time(); first += 2) {
         const std::size_t count = std::min<std::size_t>(2, strong.size() - first);

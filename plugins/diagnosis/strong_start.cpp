@@ -13,6 +13,7 @@ constexpr std::size_t kFewPlaces = 9, kBestPlaces = 3;
 constexpr std::array kSizes{1.0, 3.0};  // of a candidate
 constexpr std::size_t kTrialFrames = 10;
 constexpr std::size_t kFewFrames = 3, kTriedFully = 4;  // starts that look best at a few frames go on to all of them
+constexpr std::size_t kOfEvent = 5;  // fitted: before the ligaments are, the best start of an event does not stand out
 
 // The candidate's amplitudes times `size`, each to the side of null on which `start` lies.
 ActiveEffect grown(const EffectEntry& entry, const ActiveEffect& candidate, const ActiveEffect& start, double size) {
@@ -34,6 +35,88 @@ std::vector<std::int32_t> evenly(std::size_t count, std::size_t end) {
     return out;
 }
 
+// Which parameters of an effect say when it begins and how long that takes; nothing if it lasts.
+struct Instant {
+    std::size_t onset, duration;
+};
+std::optional<Instant> instant_of(const EffectEntry& entry) {
+    const auto named = [&](std::string_view name) {
+        return static_cast<std::size_t>(
+            std::find_if(entry.parameters.begin(), entry.parameters.end(),
+                         [&](const EffectParameter& p) { return std::string_view(p.name) == name; }) -
+            entry.parameters.begin());
+    };
+    const Instant at{named("onset"), named("duration")};
+    const bool both = at.onset < entry.parameters.size() && at.duration < entry.parameters.size();
+    return entry.info.event && both ? std::optional(at) : std::nullopt;
+}
+
+// Without inertia a body at an event is at each frame what it is before or after it: simulated once before and once
+// after, it is known for every instant.
+class AroundEvent {
+  public:
+    /// `starts`: alike but for the parameters of their last effect. Makes nothing of those without an instant.
+    AroundEvent(Problem& problem, const std::vector<Assumption>& starts) : problem_(problem) {
+        if (starts.empty()) return;
+        const EffectTable& effects = problem.simulator.effects();
+        without_ = starts.front();
+        const EffectEntry& entry = effects[without_.effects.back().entry];
+        const bool seen_as_it_moves = std::none_of(without_.effects.begin(), without_.effects.end(),
+                                                   [&](const auto& active) { return effects[active.entry].sensor; });
+        without_.effects.pop_back();
+        if (!problem.simulator.mechanics().dynamic() && seen_as_it_moves) at_ = instant_of(entry);
+        if (!at_) return;
+        earliest_s_ = entry.parameters[at_->onset].lower;
+        shortest_s_ = entry.parameters[at_->duration].lower;
+    }
+    /// The body before it; to be called for the same frames before best_instant() and from one thread.
+    bool simulate_before(std::span<const std::int32_t> frames) {
+        return !at_ || problem_.simulator.simulate_at(without_, frames, before_);
+    }
+    /// `start` as it is to be simulated: what has an instant, from the beginning.
+    Assumption after(Assumption start) const {
+        if (at_) set(start, earliest_s_, shortest_s_);
+        return start;
+    }
+    struct Best {
+        double left = 0.0;
+        std::size_t first_after = 0;  ///< in `frames`
+    };
+    /// The least that is left if it happens just before one of the frames but the first; `simulated`: after().
+    Best best_instant(const Problem& problem, std::span<const std::int32_t> frames,
+                      const Eigen::VectorXd& simulated) const {
+        if (!at_) return {left_at(problem, frames, simulated), 0};
+        const auto channels = static_cast<Eigen::Index>(3 * problem.recording.num_markers);
+        Best best{std::numeric_limits<double>::infinity(), 1};
+        Eigen::VectorXd mixed = simulated;
+        for (std::size_t k = 1; k < frames.size(); ++k) {
+            const Eigen::Index last_before = channels * frames[k - 1];
+            mixed.segment(last_before, channels) = before_.segment(last_before, channels);
+            const double left = left_at(problem, frames, mixed);
+            if (left < best.left) best = {left, k};
+        }
+        return best;
+    }
+    /// `start` with its instant between these frames.
+    Assumption between(Assumption start, std::int32_t frame, std::int32_t next) const {
+        const auto time_s = [&](std::int32_t f) { return problem_.simulator.times_s()[static_cast<std::size_t>(f)]; };
+        if (at_) set(start, std::max(earliest_s_, time_s(frame)), std::max(shortest_s_, time_s(next) - time_s(frame)));
+        return start;
+    }
+    bool has_instant() const { return at_.has_value(); }
+
+  private:
+    void set(Assumption& start, double onset_s, double duration_s) const {
+        start.effects.back().values[at_->onset] = onset_s;
+        start.effects.back().values[at_->duration] = duration_s;
+    }
+    Problem& problem_;
+    std::optional<Instant> at_;
+    double earliest_s_ = 0.0, shortest_s_ = 0.0;
+    Assumption without_;
+    Eigen::VectorXd before_;
+};
+
 }  // namespace
 
 std::vector<Assumption> strong_starts(const EffectTable& effects, const EffectScreening& screened,
@@ -47,6 +130,14 @@ std::vector<Assumption> strong_starts(const EffectTable& effects, const EffectSc
     };
     if (screened.places.empty()) {
         add(screened.candidate, screened.start);
+        return starts;
+    }
+    if (const auto at = instant_of(entry)) {  // how far it reaches is not seen by first order
+        const double onset = effects.candidate(screened.entry, 0).values[at->onset];
+        for (std::size_t c = 0; c < static_cast<std::size_t>(entry.info.num_candidates); ++c) {
+            const ActiveEffect full = effects.candidate(screened.entry, c);
+            if (full.values[at->onset] == onset) add(c, full);
+        }
         return starts;
     }
     const auto places =
@@ -68,30 +159,59 @@ double left_at(const Problem& problem, std::span<const std::int32_t> frames, con
     return problem.whitener(difference.array().isFinite().select(difference, 0.0)).squaredNorm();
 }
 
-std::optional<StrongStart> best_strong_start(Problem& problem, std::span<const std::int32_t> frames,
-                                             const std::vector<Assumption>& starts) {
-    std::vector<double> left(starts.size());
+std::vector<StrongStart> best_strong_starts(Problem& problem, std::span<const std::int32_t> frames,
+                                            const std::vector<Assumption>& starts) {
+    AroundEvent event(problem, starts);
+    std::vector<AroundEvent::Best> found(starts.size());
     const auto try_at = [&](std::span<const std::int32_t> which, const std::vector<std::size_t>& tried) {
-        left.assign(starts.size(), std::numeric_limits<double>::infinity());
+        found.assign(starts.size(), {std::numeric_limits<double>::infinity(), 0});
+        if (!event.simulate_before(which)) return;
         side_by_side(problem, tried.size(), [&](Problem& p, std::size_t k) {
             Eigen::VectorXd trajectory;
             const std::size_t start = tried[k];
-            if (p.simulator.simulate_at(starts[start], which, trajectory)) left[start] = left_at(p, which, trajectory);
+            if (p.simulator.simulate_at(event.after(starts[start]), which, trajectory))
+                found[start] = event.best_instant(p, which, trajectory);
         });
     };
-    std::vector<std::size_t> tried(starts.size());
-    std::iota(tried.begin(), tried.end(), std::size_t{0});
-    if (starts.size() > kTriedFully && frames.size() > kFewFrames) {
+    std::vector<std::size_t> order(starts.size());
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    const auto keep_best = [&](std::size_t count) {
+        std::stable_sort(order.begin(), order.end(),
+                         [&](std::size_t a, std::size_t b) { return found[a].left < found[b].left; });
+        order.resize(std::min(order.size(), count));
+    };
+    const std::size_t wanted = event.has_instant() ? kOfEvent : 1, fully = std::max(kTriedFully, 2 * wanted);
+    if (starts.size() > fully && frames.size() > kFewFrames) {
         std::vector<std::int32_t> few = evenly(kFewFrames, frames.size());
         for (std::int32_t& f : few) f = frames[static_cast<std::size_t>(f)];
-        try_at(few, tried);
-        std::stable_sort(tried.begin(), tried.end(), [&](std::size_t a, std::size_t b) { return left[a] < left[b]; });
-        tried.resize(kTriedFully);
+        try_at(few, order);
+        keep_best(fully);
     }
-    try_at(frames, tried);
-    const auto best = std::min_element(left.begin(), left.end());
-    if (best == left.end() || !std::isfinite(*best)) return {};
-    return StrongStart{starts[static_cast<std::size_t>(best - left.begin())], *best};
+    try_at(frames, order);
+    keep_best(wanted);
+    std::erase_if(order, [&](std::size_t k) { return !std::isfinite(found[k].left); });
+    std::vector<StrongStart> best;
+    for (const std::size_t k : order) best.push_back({starts[k], found[k].left});
+    if (!event.has_instant() || order.empty()) return best;
+    std::vector<std::int32_t> all(static_cast<std::size_t>(frames.back()) + 1);  // its instant to the frame
+    std::iota(all.begin(), all.end(), 0);
+    try_at(all, order);
+    for (std::size_t k = 0; k < order.size(); ++k)
+        if (const auto next = static_cast<std::int32_t>(found[order[k]].first_after); next > 0)
+            best[k].at = event.between(best[k].at, next - 1, next);
+    return best;
+}
+
+std::optional<StrongStart> at_best_instant(Problem& problem, const Assumption& fitted) {
+    AroundEvent event(problem, {fitted});
+    if (!event.has_instant()) return {};
+    std::vector<std::int32_t> all(problem.recording.first_held_frame);
+    std::iota(all.begin(), all.end(), 0);
+    Eigen::VectorXd trajectory;
+    if (!event.simulate_before(all) || !problem.simulator.simulate_at(event.after(fitted), all, trajectory)) return {};
+    const AroundEvent::Best best = event.best_instant(problem, all, trajectory);
+    const auto next = static_cast<std::int32_t>(best.first_after);
+    return StrongStart{event.between(fitted, next - 1, next), best.left};
 }
 
 }  // namespace teres

@@ -3,6 +3,8 @@
 #pragma once
 
 #include <optional>
+#include <span>
+#include <vector>
 
 #include "plugins/diagnosis/problem.h"
 #include "plugins/diagnosis/screening.h"
@@ -10,7 +12,8 @@
 namespace teres {
 
 /// Candidates of one effect at its places (all if few, else the best), at one and at several times their size, with the
-/// sign of first order; nominal parameters as given. Sensor effects are linear: none.
+/// sign of first order; of an event the candidates of one instant, whose places and extents first order does not tell
+/// apart. Nominal parameters as given. Sensor effects are linear: none.
 std::vector<Assumption> strong_starts(const EffectTable& effects, const EffectScreening& screened,
                                       const std::vector<double>& theta);
 
@@ -20,12 +23,17 @@ std::vector<std::int32_t> trial_frames(std::size_t end);
 /// |W (y - h)|^2 of these frames alone; h: `trajectory`, full.
 double left_at(const Problem& problem, std::span<const std::int32_t> frames, const Eigen::VectorXd& trajectory);
 
-/// The one whose simulation leaves the least at `frames`; nothing if no body holds under any of them.
+/// Those whose simulations leave the least at `frames`, best first; none if no body holds under any of them. One of a
+/// lasting effect, a few of an event, each at the instant that leaves the least.
 struct StrongStart {
     Assumption at;
     double left = 0.0;
 };
-std::optional<StrongStart> best_strong_start(Problem& problem, std::span<const std::int32_t> frames,
-                                             const std::vector<Assumption>& starts);
+std::vector<StrongStart> best_strong_starts(Problem& problem, std::span<const std::int32_t> frames,
+                                            const std::vector<Assumption>& starts);
+
+/// What was fitted with its last effect, an event, at the instant between two frames that leaves the least of all.
+/// Nothing if that effect has no instant, with inertia or with a sensor effect.
+std::optional<StrongStart> at_best_instant(Problem& problem, const Assumption& fitted);
 
 }  // namespace teres

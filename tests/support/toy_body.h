@@ -40,9 +40,15 @@ class ToyBody final : public TrajectoryModel {
             case kGravity:
                 return {"gravity", "load", "constant", "tilt", "test", nullptr, 3, 1, false};
             case kUnknownLoad:
-                return {"unknown_load",        "load", "unknown_load",
-                        "another tool",        "test", nullptr,
-                        gives_way() ? 7U : 6U, 36,     true};
+                return {"unknown_load",
+                        "load",
+                        "unknown_load",
+                        "another tool",
+                        "test",
+                        nullptr,
+                        gives_way() || sudden ? 7U : 6U,
+                        36,
+                        true};
             case kMaterialLaw:
                 return {"material_law", "mechanics", "load response", "law", "test", nullptr, 1, 1, false};
             default:
@@ -58,6 +64,8 @@ class ToyBody final : public TrajectoryModel {
         if (e == kCut) return {"cut", "1", amplitude, plain, 0.0, 0.0, 1.0, 0.0, 1.0};
         static constexpr const char* kNames[] = {"force_x", "force_y", "force_z", "center_x", "center_y", "onset"};
         if (e == kGravity || p < 3) return {kNames[p], "N", amplitude, plain, 0.0, 0.0, 0.4, -10.0, 10.0};
+        if (p == 6 && sudden)
+            return {"duration", "s", shape, EffectTransform::kLog, 0.0, std::log(0.5), 1.0, 1e-3, 12.0};
         if (p == 6) return {"center_z", "m", shape, plain, 0.0, 0.0, 0.01, -0.01, 0.01};
         if (p < 5) return {kNames[p], "m", shape, plain, 0.0, 0.06, 0.05, -0.05, 0.2};
         return {kNames[p], "s", shape, plain, 0.0, 6.0, 12.0, 0.0, 12.0};
@@ -73,11 +81,13 @@ class ToyBody final : public TrajectoryModel {
             v[4] = 0.05 * static_cast<double>(c / 3 % 3);
             v[5] = 3.0 * static_cast<double>(c / 9);
             if (gives_way()) v[6] = 0.0;
+            if (sudden) v[6] = 0.5;
         }
     }
 
     bool known_supports = false;  ///< k = (38, 70): nothing nominal is unknown
     bool inertia = false;         ///< says that it is dynamic
+    bool sudden = false;          ///< the unknown load has a seventh parameter, the duration of its rise
     std::size_t frames = kToyFrames;
 
     bool dynamic() const noexcept override { return inertia; }
@@ -110,13 +120,14 @@ class ToyBody final : public TrajectoryModel {
     std::vector<double> motion(const Hypothesis& h, double bend = 1.0, double side = 0.0) const {
         double scale = 1.0, beta = 0.0;
         Eigen::Vector3d g = Eigen::Vector3d::Zero(), F = g;
-        double cx = 0.0, cy = 0.0, onset = 1e9;
+        double cx = 0.0, cy = 0.0, onset = 1e9, duration = 0.0;
         for (const EffectInstance& e : h.effects) {
             const auto& v = e.values;
             if (e.index == kStiffness) scale = v[0];
             if (e.index == kMaterialLaw) beta = v[0];
             if (e.index == kGravity) g = {v[0], v[1], v[2]};
-            if (e.index == kUnknownLoad) F = {v[0], v[1], v[2]}, cx = v[3], cy = v[4], onset = v[5];
+            if (e.index == kUnknownLoad)
+                F = {v[0], v[1], v[2]}, cx = v[3], cy = v[4], onset = v[5], duration = sudden ? v[6] : 0.0;
         }
         static const std::array<Eigen::Vector3d, 2> place{Eigen::Vector3d(0.02, 0.02, 0),
                                                           Eigen::Vector3d(0.1, 0.08, 0)};
@@ -141,6 +152,7 @@ class ToyBody final : public TrajectoryModel {
                     const double dx = x.x() - (corner ? pulled_at[0] : cx), dy = x.y() - (corner ? pulled_at[1] : cy);
                     double near = std::exp(-(dx * dx + dy * dy) / (kToyWidth * kToyWidth));
                     if (corner) near *= gives_way_n / (gives_way_n + F.norm());
+                    if (t < onset + duration) near *= std::pow(std::sin(0.5 * 3.14159265 * (t - onset) / duration), 2);
                     u += F * near / (scale * kToyE);
                     if (F.norm() > holds_up_to_n) u -= Eigen::Vector3d::Constant(0.05);
                 }

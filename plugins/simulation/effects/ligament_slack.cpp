@@ -28,7 +28,7 @@ class LigamentSlack final : public Effect {
             d_.not_applicable = "the case has no ligament (ligament_prior.csv and case.json ligament)";
             return;
         }
-        for (const auto& ball : ligament_places(scene))
+        for (const auto& ball : ligament_places(scene, {1.2, 4.8}))
             for (const bool dead : {false, true})
                 d_.candidates.push_back({dead ? 0.0 : one_sigma(d_.parameters[0]),
                                          dead ? one_sigma(d_.parameters[1]) : 0.0, ball.centre.x(), ball.centre.y(),

@@ -31,11 +31,10 @@ class LigamentTear final : public Effect {
             d_.not_applicable = "the recording has one instant only";
             return;
         }
-        for (const auto& ball : ligament_places(scene))
-            for (const double radius : {ball.radius_m, 2.0 * ball.radius_m})
-                for (const double onset : onset_grid(scene, 14))
-                    d_.candidates.push_back({one_sigma(d_.parameters[0]), ball.centre.x(), ball.centre.y(),
-                                             ball.centre.z(), radius, onset, 0.03 * duration});
+        for (const auto& ball : ligament_places(scene, {1.2, 2.4, 4.8}))
+            for (const double onset : onset_grid(scene, 14))
+                d_.candidates.push_back({one_sigma(d_.parameters[0]), ball.centre.x(), ball.centre.y(), ball.centre.z(),
+                                         ball.radius_m, onset, 0.03 * duration});
     }
     void apply(std::span<const double> v, Scene& scene) const override {
         const double loss = v[0] * ramp(scene.t_s, v[5], v[6]);

@@ -31,6 +31,8 @@ std::vector<std::size_t> spread(const Matrix3Xd& points, std::size_t count) {
 
 namespace {
 
+constexpr double kWhole = 2.4;  // radii: inside() is 0.98 at the ends
+
 std::vector<Vector3d> spread_columns(const std::vector<Vector3d>& points, std::size_t count) {
     Matrix3Xd columns(3, static_cast<Eigen::Index>(points.size()));
     for (std::size_t i = 0; i < points.size(); ++i) columns.col(static_cast<Eigen::Index>(i)) = points[i];
@@ -62,29 +64,28 @@ std::vector<Vector3d> inner_places(const Scene& scene, std::size_t count) {
     return spread_columns(points, count);
 }
 
-std::vector<Ball> ligament_places(const Scene& scene) {
+std::vector<Ball> ligament_places(const Scene& scene, const std::vector<double>& sizes) {
     std::vector<Ball> balls;
     std::set<std::int32_t> groups;
     for (std::size_t t = 0; t < scene.tethers.ligament_end; ++t) groups.insert(scene.parts.tethers[t].parameter);
-    const auto add = [&](auto&& belongs) {
+    const auto around = [&](auto&& belongs) {
         Ball ball;
-        double weight = 0.0;
         std::set<NodeIndex> nodes;
         for (std::size_t t = 0; t < scene.tethers.ligament_end; ++t)
             if (belongs(scene.parts.tethers[t].parameter)) nodes.insert(scene.parts.tethers[t].node);
-        for (const auto node : nodes) {
-            ball.centre += scene.mesh.X.col(node);
-            weight += 1.0;
-        }
-        ball.centre /= std::max(weight, 1.0);
+        for (const auto node : nodes) ball.centre += scene.mesh.X.col(node) / static_cast<double>(nodes.size());
         for (const auto node : nodes)
             ball.radius_m = std::max(ball.radius_m, (scene.mesh.X.col(node) - ball.centre).norm());
-        ball.radius_m *= 1.2;
         if (!(ball.radius_m > 0.0)) ball.radius_m = 0.02 * scene.size_m;
-        balls.push_back(ball);
+        return ball;
     };
-    for (const auto g : groups) add([&](std::int32_t p) { return p == g; });
-    if (!groups.empty()) add([](std::int32_t) { return true; });
+    for (const auto g : groups) {
+        const Ball ball = around([&](std::int32_t p) { return p == g; });
+        for (const double size : sizes) balls.push_back({ball.centre, size * ball.radius_m});
+    }
+    if (groups.empty()) return balls;
+    const Ball whole = around([](std::int32_t) { return true; });
+    balls.push_back({whole.centre, kWhole * whole.radius_m});
     return balls;
 }
 

@@ -16,12 +16,12 @@ std::vector<std::size_t> spread(const Eigen::Matrix3Xd& points, std::size_t coun
 std::vector<Eigen::Vector3d> surface_places(const Scene& scene, std::size_t count, bool free_only);
 /// Places inside the body, spread evenly.
 std::vector<Eigen::Vector3d> inner_places(const Scene& scene, std::size_t count);
-/// Middle points of the ligament's groups, and the whole of it: centre and radius.
+/// Balls about the ligament's groups, each of so many times its radius, and one that the whole of it lies in.
 struct Ball {
     Eigen::Vector3d centre = Eigen::Vector3d::Zero();
     double radius_m = 0.0;
 };
-std::vector<Ball> ligament_places(const Scene& scene);
+std::vector<Ball> ligament_places(const Scene& scene, const std::vector<double>& sizes);
 
 /// 1 inside the ball, 0 outside, edge a few tenths of the radius wide.
 double inside(const Eigen::Vector3d& x, const Eigen::Vector3d& centre, double radius_m);

@@ -5,6 +5,7 @@
 
 #include <cmath>
 
+#include "plugins/diagnosis/cause_fit.h"
 #include "tests/support/toy_body.h"
 
 namespace teres {
@@ -87,15 +88,15 @@ struct SoftPlate : Toy {
 TEST(StrongStart, TheBestLeavesTheLeast) {
     SoftPlate plate;
     Problem problem = plate.problem();
-    const auto best = best_strong_start(problem, plate.frames, {plate.at(2.0), plate.at(0.6), plate.at(0.2)});
-    ASSERT_TRUE(best);
-    EXPECT_EQ(best->at.effects[0].values[0], 0.6);
-    EXPECT_GT(best->left, 0.0);
+    const auto best = best_strong_starts(problem, plate.frames, {plate.at(2.0), plate.at(0.6), plate.at(0.2)});
+    ASSERT_EQ(best.size(), 1u);
+    EXPECT_EQ(best[0].at.effects[0].values[0], 0.6);
+    EXPECT_GT(best[0].left, 0.0);
     plate.recording.observed(3 * test::kToyMarkers * 5 + 4) = NAN;  // a lost marker counts for nothing
-    EXPECT_TRUE(std::isfinite(best_strong_start(problem, plate.frames, {plate.at(0.6)})->left));
-    EXPECT_FALSE(best_strong_start(problem, plate.frames, {}));
+    EXPECT_TRUE(std::isfinite(best_strong_starts(problem, plate.frames, {plate.at(0.6)}).at(0).left));
+    EXPECT_TRUE(best_strong_starts(problem, plate.frames, {}).empty());
     plate.body.converges = false;
-    EXPECT_FALSE(best_strong_start(problem, plate.frames, {plate.at(0.6)}));
+    EXPECT_TRUE(best_strong_starts(problem, plate.frames, {plate.at(0.6)}).empty());
 }
 
 TEST(StrongStart, OfManyOnlyTheBestAtAFewFramesAreSimulatedAtAll) {
@@ -104,13 +105,14 @@ TEST(StrongStart, OfManyOnlyTheBestAtAFewFramesAreSimulatedAtAll) {
     std::vector<Assumption> starts;
     for (int k = 0; k < 12; ++k) starts.push_back(plate.at(0.1 + 0.12 * k));  // 0.58 is next to the truth
     plate.body.simulations = 0;
-    const auto best = best_strong_start(problem, plate.frames, starts);
-    ASSERT_TRUE(best);
-    EXPECT_DOUBLE_EQ(best->at.effects[0].values[0], 0.58);
+    const auto best = best_strong_starts(problem, plate.frames, starts);
+    ASSERT_EQ(best.size(), 1u);
+    EXPECT_DOUBLE_EQ(best[0].at.effects[0].values[0], 0.58);
     EXPECT_EQ(plate.body.simulations, 12 + 4);
     Eigen::VectorXd whole;
-    ASSERT_TRUE(plate.simulator.simulate(best->at, whole));
-    EXPECT_NEAR(best->left, left_at(problem, plate.frames, whole), 1e-9 * best->left);  // of all frames, not of three
+    ASSERT_TRUE(plate.simulator.simulate(best[0].at, whole));
+    EXPECT_NEAR(best[0].left, left_at(problem, plate.frames, whole),
+                1e-9 * best[0].left);  // of all frames, not of three
 }
 
 TEST(StrongStart, OnlyTheListedFramesCount) {
@@ -126,14 +128,102 @@ TEST(StrongStart, TwoModelsSayWhatOneSays) {
     SoftPlate plate, other;
     Problem problem = plate.problem(), beside = other.problem();
     const std::vector<Assumption> starts{plate.at(2.0), plate.at(0.6), plate.at(0.2)};
-    const auto alone = best_strong_start(problem, plate.frames, starts);
+    const auto alone = best_strong_starts(problem, plate.frames, starts);
     problem.beside = &beside;
     other.body.simulations = 0;
-    const auto both = best_strong_start(problem, plate.frames, starts);
-    ASSERT_TRUE(alone && both);
-    EXPECT_EQ(alone->at.effects[0].values, both->at.effects[0].values);
-    EXPECT_EQ(alone->left, both->left);
+    const auto both = best_strong_starts(problem, plate.frames, starts);
+    ASSERT_TRUE(alone.size() == 1 && both.size() == 1);
+    EXPECT_EQ(alone[0].at.effects[0].values, both[0].at.effects[0].values);
+    EXPECT_EQ(alone[0].left, both[0].left);
     EXPECT_EQ(other.body.simulations, 1) << "the second of three";
+}
+
+// A tool that takes hold between frames 36 and 37, [7.2, 7.4] s, of a body whose load takes 0.1 s to rise.
+struct SuddenLoad {
+    ToyBody body;
+    test::ToyCamera camera;
+    EffectTable effects;
+    DiagnosisOptions options;
+    Recording recording;
+    Simulator simulator;
+
+    static ToyBody sudden() {
+        ToyBody body;
+        body.sudden = true;
+        return body;
+    }
+    Assumption at(double onset_s, double duration_s) const {
+        return {{38.0, 70.0}, {{effects.find("unknown_load"), {0.5, 0.2, -0.4, 0.06, 0.05, onset_s, duration_s}}}};
+    }
+    SuddenLoad() : body(sudden()), effects(body, &camera, {}), simulator(body, &camera, effects) {
+        recording.num_markers = test::kToyMarkers;
+        recording.num_frames = recording.first_held_frame = test::kToyFrames;
+        EXPECT_TRUE(simulator.simulate(at(7.25, 0.1), recording.observed));
+    }
+    Problem problem() {
+        std::vector<Eigen::Index> rows(static_cast<std::size_t>(recording.observed.size()));
+        for (std::size_t k = 0; k < rows.size(); ++k) rows[k] = static_cast<Eigen::Index>(k);
+        const Eigen::Index size = recording.observed.size();
+        return {simulator,
+                recording,
+                options,
+                {},
+                Whitener(rows, Eigen::VectorXd::Constant(size, 1e-4), Eigen::MatrixXd::Zero(size, 0))};
+    }
+};
+
+TEST(StrongStart, AnEventIsPutBetweenTheFramesWhereItHappens) {
+    SuddenLoad tool;
+    Problem problem = tool.problem();
+    const auto moved = at_best_instant(problem, tool.at(2.3, 1.5));
+    ASSERT_TRUE(moved);
+    const std::vector<double>& values = moved->at.effects[0].values;
+    EXPECT_NEAR(values[5], 7.2, 1e-12);
+    EXPECT_NEAR(values[6], 0.2, 1e-12);
+    EXPECT_LT(moved->left, 1e-12);
+    EXPECT_FALSE(at_best_instant(problem, {{38.0, 70.0}, {{tool.effects.find("stiffness"), {0.8}}}}));
+    Assumption filmed = tool.at(2.3, 1.5);
+    filmed.effects.insert(filmed.effects.begin(), tool.effects.candidate(tool.effects.find("registration"), 0));
+    EXPECT_FALSE(at_best_instant(problem, filmed)) << "frames alone do not show what the camera does";
+    tool.body.inertia = true;
+    EXPECT_FALSE(at_best_instant(problem, tool.at(2.3, 1.5))) << "with inertia a frame depends on those before";
+}
+
+// Descent alone leaves an event far from its instant where it is.
+TEST(StrongStart, AFitFindsItsInstant) {
+    SuddenLoad tool;
+    Problem problem = tool.problem();
+    Assumption start = tool.at(2.3, 0.3);
+    start.effects[0].values[0] = 0.4;
+    Fit fit = fit_from_whole(problem, start, 12);
+    ASSERT_TRUE(fit.usable);
+    EXPECT_GT(std::abs(fit.at.effects[0].values[5] - 7.2), 1.0);
+    settle_instant(problem, fit, 12);
+    EXPECT_NEAR(fit.at.effects[0].values[5], 7.2, 0.01);
+    EXPECT_NEAR(fit.at.effects[0].values[6], 0.2, 0.01);
+    EXPECT_NEAR(fit.at.effects[0].values[0], 0.5, 0.01);
+    // No derivative tells where between the frames it is: it is not drawn to its prior at 6 s.
+    const Fit again = problem.fit(fit.at, 12);
+    EXPECT_NEAR(again.at.effects[0].values[5], fit.at.effects[0].values[5], 0.05);
+}
+
+TEST(StrongStart, AllExtentsOfAnEventAreTriedAtOneInstant) {
+    SuddenLoad tool;
+    EffectScreening load;
+    load.entry = tool.effects.find("unknown_load");
+    load.places.push_back({{0.0, 0.0, 0.0}, 0.0, 0.0, tool.effects.candidate(load.entry, 0), 0});
+    const auto starts = strong_starts(tool.effects, load, {});
+    EXPECT_EQ(starts.size(), 2u * 9u);  // sizes, places; four instants
+    Problem problem = tool.problem();
+    std::vector<Assumption> at;
+    for (const double force : {0.1, 0.5, 2.0}) {
+        at.push_back(tool.at(0.0, 0.5));
+        at.back().effects[0].values[0] = force;
+    }
+    const auto best = best_strong_starts(problem, trial_frames(test::kToyFrames), at);
+    ASSERT_EQ(best.size(), 3u);
+    EXPECT_EQ(best[0].at.effects[0].values[0], 0.5);
+    EXPECT_NEAR(best[0].at.effects[0].values[5], 7.2, 1e-12);
 }
 
 }  // namespace
