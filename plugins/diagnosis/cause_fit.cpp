@@ -58,7 +58,8 @@ void halve(const EffectEntry& entry, ActiveEffect& effect) {
 }
 
 void settle_instant(Problem& problem, Fit& fit, int iterations) {
-    for (int round = 0; round < kInstantRounds && fit.usable && !problem.out_of_time(); ++round) {
+    for (int round = 0; round < kInstantRounds; ++round) {
+        if (!fit.usable || fit.misfit >= problem.out_of_reach || problem.out_of_time()) return;
         const auto moved = at_best_instant(problem, fit.at);
         if (!moved || moved->left > kMoved * fit.misfit) return;
         Fit again = fit_from_whole(problem, moved->at, iterations);

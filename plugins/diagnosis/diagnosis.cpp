@@ -190,6 +190,24 @@ const Cause* leading(const Verdict& verdict) {
     return something ? &verdict.causes.front() : nullptr;
 }
 
+// The error of the model in the state under the best cause, where that leaves more than right causes do.
+void weigh_state(Problem& problem, const Fit& nominal, std::vector<Cause>& causes) {
+    const auto best = std::max_element(causes.begin(), causes.end(),
+                                       [](const Cause& a, const Cause& b) { return a.score < b.score; });
+    if (best == causes.end() || !best->fit.usable || best->score <= 0.0 || best->model_error ||
+        problem.simulator.mechanics().dynamic() ||
+        best->misfit < problem.floor.noise + problem.options.calibration.unknown_left * problem.floor.model)
+        return;
+    Assumption state = best->fit.at;
+    std::erase_if(state.effects, [&](const ActiveEffect& a) { return problem.simulator.effects()[a.entry].sensor; });
+    if (state.effects.empty()) return;
+    const auto error = discrepancy_about(problem.simulator, state, stage(problem.options, "model error under the best"));
+    if (!error) return;
+    best->model_error = error_floor(problem.whitener, *error, best->fit.J.leftCols(nominal.u.size()),
+                                    problem.recording.noise_m, problem.options.calibration)
+                            .model;
+}
+
 // Nominal fit, search, verdict. `before`: what failed later when other data were held out, one more rival; or null.
 // Returns what fails later now: all is to be searched again, with other data held out.
 Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& recording, const EffectTable& effects,
@@ -245,6 +263,8 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
             add_more();
             judge_now();
         }
+        weigh_state(problem, out.nominal, causes);
+        judge_now();
         best = out.named();
     }
     problem.beside = nullptr;

@@ -131,19 +131,20 @@ struct Motion {
     Eigen::Index markers = 0;  // rows of markers
 };
 
-// Variants minus the nominal model at the listed frames; empty if one hardly converges.
-Result<std::vector<Eigen::MatrixXd>> variant_differences(TrajectoryModel& model, const Assumption& at,
+// Variants minus the model itself at the listed frames; empty if one hardly converges.
+Result<std::vector<Eigen::MatrixXd>> variant_differences(Simulator& simulator, const Assumption& at,
                                                          const std::vector<std::int32_t>& frames, const Motion& nominal,
                                                          const Simulator::Progress& progress) {
     const Eigen::Index points = nominal.channels.rows() - nominal.markers;
+    TrajectoryModel& model = simulator.mechanics();
     std::vector<Eigen::MatrixXd> differences(model.num_variants());
     std::atomic<bool> cancelled = false;
     share_work(true, differences.size(), [&](std::size_t who, std::size_t v) {
         if (cancelled) return;
         Eigen::MatrixXd of_markers(nominal.markers, static_cast<Eigen::Index>(frames.size())),
             of_points(points, of_markers.cols());
-        const TrajectoryReport report = model.simulate_variant(
-            v, {at.theta, {}}, frames, {of_markers.data(), static_cast<std::size_t>(of_markers.size())},
+        const TrajectoryReport report = simulator.simulate_variant(
+            v, at, frames, {of_markers.data(), static_cast<std::size_t>(of_markers.size())},
             {of_points.data(), static_cast<std::size_t>(of_points.size())});
         Eigen::MatrixXd difference(nominal.channels.rows(), of_markers.cols());
         difference.topRows(nominal.markers) = of_markers;
@@ -212,25 +213,18 @@ Discrepancy condense(std::vector<Eigen::MatrixXd> differences, const std::vector
 
 }  // namespace
 
-Result<Discrepancy> discrepancy_of(Simulator& simulator, const std::filesystem::path& cache, std::uint64_t key,
-                                   const Simulator::Progress& progress) {
+Result<Discrepancy> discrepancy_about(Simulator& simulator, const Assumption& at,
+                                      const Simulator::Progress& progress) {
     TrajectoryModel& model = simulator.mechanics();
-    Discrepancy out;
-    const std::filesystem::path file = cache.empty() ? cache : cache_file(simulator, cache, key);
-    if (!file.empty() && read_cache(file, simulator, out)) {
-        out.from_cache = true;
-        return out;
-    }
     std::vector<std::int32_t> frames;
     const std::size_t count = model.dynamic() ? simulator.num_frames() : std::min(kFrames, simulator.num_frames());
     for (std::size_t k = 0; k < count; ++k)
         frames.push_back(
             static_cast<std::int32_t>(k * (simulator.num_frames() - 1) / std::max<std::size_t>(1, count - 1)));
-    const Assumption median = prior_median(model);
     Eigen::VectorXd markers;
     std::vector<double> points;
-    if (!simulator.simulate(median, markers, &points, nullptr))
-        return not_usable("the nominal model does not converge at its prior median");
+    if (!simulator.simulate(at, markers, &points, nullptr))
+        return not_usable("the model does not converge where its error is asked for");
     const auto F = static_cast<Eigen::Index>(simulator.num_frames());
     Motion nominal{Eigen::MatrixXd(3 * static_cast<Eigen::Index>(model.num_markers() + model.num_points()), F),
                    3 * static_cast<Eigen::Index>(model.num_markers())};
@@ -238,8 +232,19 @@ Result<Discrepancy> discrepancy_of(Simulator& simulator, const std::filesystem::
     nominal.channels.topRows(nominal.markers) = markers.reshaped(nominal.markers, F);
     nominal.channels.bottomRows(below) = Eigen::Map<const Eigen::MatrixXd>(points.data(), below, F);
     TERES_TRY_ASSIGN(std::vector<Eigen::MatrixXd> differences,
-                     variant_differences(model, median, frames, nominal, progress));
-    out = condense(std::move(differences), frames, nominal, model.dynamic());
+                     variant_differences(simulator, at, frames, nominal, progress));
+    return condense(std::move(differences), frames, nominal, model.dynamic());
+}
+
+Result<Discrepancy> discrepancy_of(Simulator& simulator, const std::filesystem::path& cache, std::uint64_t key,
+                                   const Simulator::Progress& progress) {
+    Discrepancy out;
+    const std::filesystem::path file = cache.empty() ? cache : cache_file(simulator, cache, key);
+    if (!file.empty() && read_cache(file, simulator, out)) {
+        out.from_cache = true;
+        return out;
+    }
+    TERES_TRY_ASSIGN(out, discrepancy_about(simulator, prior_median(simulator.mechanics()), progress));
     if (!file.empty()) write_cache(file, out);
     return out;
 }

@@ -24,7 +24,11 @@ struct Discrepancy {
     bool from_cache = false;
 };
 
-/// `cache`: folder, created if needed; empty: nothing is kept. `key` names body, loads, markers and settings. Leaves
+/// Of the model under an assumption without sensor effects, which becomes the simulator's base. Errors (kNotUsable): it
+/// does not converge there.
+Result<Discrepancy> discrepancy_about(Simulator& simulator, const Assumption& at, const Simulator::Progress& progress);
+
+/// At the prior median. `cache`: folder, created if needed; empty: nothing is kept. `key` names body, loads, markers and settings. Leaves
 /// the simulator's base at the prior median. Errors (kNotUsable): the nominal model does not converge at its prior
 /// median.
 Result<Discrepancy> discrepancy_of(Simulator& simulator, const std::filesystem::path& cache, std::uint64_t key,

@@ -25,7 +25,8 @@ Json names(const EffectTable& effects, const std::vector<std::size_t>& entries) 
     return list;
 }
 
-// A choice is not fitted: an instant lies between two frames (uniformly), a number is what it is.
+// A choice is not fitted: an instant lies between two frames (uniformly), a number is what it is. So does the instant of
+// a static event, of which derivatives say nothing: every other was tried.
 double choice_stdev(const EffectParameter& parameter, const TrajectoryModel& model) {
     const std::size_t last = model.num_frames() - 1;
     if (std::string_view(parameter.unit) != "s" || last == 0) return 0.0;
@@ -43,7 +44,11 @@ Json parameters(const Cause& cause, const EffectTable& effects, const Trajectory
         for (std::size_t p = 0; p < entry.parameters.size(); ++p) {
             const double value = cause.fit.at.effects[k].values[p];
             double spread = stdev(space.coordinate(k, p));
-            if (entry.parameters[p].role == EffectRole::kChoice) spread = choice_stdev(entry.parameters[p], model);
+            const bool between_frames = std::string_view(entry.parameters[p].name) == "onset" &&
+                                        value > model.time_s(0) && value < model.time_s(model.num_frames() - 1) &&
+                                        cause.fit.says_nothing_of(space.coordinate(k, p));
+            if (entry.parameters[p].role == EffectRole::kChoice || between_frames)
+                spread = choice_stdev(entry.parameters[p], model);
             if (entry.parameters[p].transform == EffectTransform::kLog) spread *= value;  // d exp(q) = exp(q) dq
             Json item{{"name", entry.parameters[p].name},
                       {"unit", entry.parameters[p].unit},

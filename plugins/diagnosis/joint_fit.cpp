@@ -87,6 +87,10 @@ Fit fit_growing(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
 
 }  // namespace
 
+bool Fit::says_nothing_of(Eigen::Index coordinate) const {
+    return J.col(coordinate).squaredNorm() < kSaysNothing;
+}
+
 Eigen::VectorXd Fit::stdev(double tempering) const {
     const Eigen::MatrixXd information = Eigen::MatrixXd::Identity(J.cols(), J.cols()) + tempering * J.transpose() * J;
     return information.inverse().diagonal().cwiseSqrt();
@@ -185,7 +189,7 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
         // An effect's coordinate of which the recording says nothing here stays: an instant between two frames would
         // be drawn to the middle of the recording.
         for (auto k = static_cast<Eigen::Index>(start.theta.size()); k < gradient.size(); ++k)
-            if (best.J.col(k).squaredNorm() < kSaysNothing) gradient(k) = 0.0;
+            if (best.says_nothing_of(k)) gradient(k) = 0.0;
         const auto promised = [&](const Eigen::VectorXd& du) {
             return best.cost - (best.residual - best.J * du).squaredNorm() - (best.u + du).squaredNorm();
         };

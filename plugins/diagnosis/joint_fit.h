@@ -40,6 +40,8 @@ struct Fit {
     /// By which hypotheses are compared.
     double compared_cost() const { return cost + later; }
 
+    /// Whether derivatives tell next to nothing of a scaled coordinate (an instant between two frames).
+    bool says_nothing_of(Eigen::Index coordinate) const;
     /// Standard deviations of the scaled coordinates when the data count `tempering` times.
     Eigen::VectorXd stdev(double tempering) const;
 };

@@ -195,7 +195,7 @@ void try_other_places(Problem& problem, const Fit& nominal, const Base* base, co
     for (const PlaceGain& place : best_places(screened->places, kPlaces)) {
         if ((place.centre_m - *found).norm() < apart || place.centre_m == *begun) continue;
         places.push_back(*screened);
-        places.back().start = place.start;
+        places.back().start = with_instant_of(entry, place.start, cause.fit.at.effects.back());
     }
     std::vector<Cause> others(places.size());
     const double nearby =

@@ -80,6 +80,13 @@ bool Simulator::simulate_at(const Assumption& assumption, std::span<const std::i
     return report.frames_converged == report.frames && markers_m.allFinite();
 }
 
+TrajectoryReport Simulator::simulate_variant(std::size_t variant, const Assumption& assumption,
+                                             std::span<const std::int32_t> frames, std::span<double> markers_m,
+                                             std::span<double> points_m) const {
+    return mechanics_.simulate_variant(variant, {assumption.theta, instances(assumption, false)}, frames, markers_m,
+                                       points_m);
+}
+
 void Simulator::set_horizon(std::size_t num_frames) {
     if (num_frames >= this->num_frames()) num_frames = 0;
     if (num_frames != horizon_ && mechanics_.dynamic()) base_true_.resize(0);  // the base is that of another horizon

@@ -36,6 +36,10 @@ class Simulator {
     /// Only the given frames (ascending), under an assumption without sensor effects; the others are NaN. The base
     /// stays what it is. False: a frame did not converge.
     bool simulate_at(const Assumption& assumption, std::span<const std::int32_t> frames, Eigen::VectorXd& trajectory);
+    /// The markers and points of a variant of the model (TrajectoryModel::simulate_variant), without sensor effects.
+    TrajectoryReport simulate_variant(std::size_t variant, const Assumption& assumption,
+                                      std::span<const std::int32_t> frames, std::span<double> markers_m,
+                                      std::span<double> points_m) const;
     /// Only so many frames from the first are simulated from now on (TrajectoryModel::set_horizon); 0: all.
     void set_horizon(std::size_t num_frames);
     /// simulate() at a fraction of its cost (TrajectoryModel::approximate).

@@ -202,6 +202,12 @@ std::vector<StrongStart> best_strong_starts(Problem& problem, std::span<const st
     return best;
 }
 
+ActiveEffect with_instant_of(const EffectEntry& entry, ActiveEffect to, const ActiveEffect& from) {
+    if (const auto at = instant_of(entry))
+        for (const std::size_t p : {at->onset, at->duration}) to.values[p] = from.values[p];
+    return to;
+}
+
 std::optional<StrongStart> at_best_instant(Problem& problem, const Assumption& fitted) {
     AroundEvent event(problem, {fitted});
     if (!event.has_instant()) return {};

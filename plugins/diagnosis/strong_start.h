@@ -32,6 +32,9 @@ struct StrongStart {
 std::vector<StrongStart> best_strong_starts(Problem& problem, std::span<const std::int32_t> frames,
                                             const std::vector<Assumption>& starts);
 
+/// `to` at the instant of `from`, another of the same effect, if that has one.
+ActiveEffect with_instant_of(const EffectEntry& entry, ActiveEffect to, const ActiveEffect& from);
+
 /// What was fitted with its last effect, an event, at the instant between two frames that leaves the least of all.
 /// Nothing if that effect has no instant, with inertia or with a sensor effect.
 std::optional<StrongStart> at_best_instant(Problem& problem, const Assumption& fitted);

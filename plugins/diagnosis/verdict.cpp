@@ -47,6 +47,14 @@ double forms_of_best(const std::vector<Cause>& causes, const ErrorFloor& floor, 
     return std::max(0.0, gain(best->misfit, *best->misfit_beside_forms, floor, calibration));
 }
 
+// Whatever acts on the body takes it to about the state that it is in under the best cause: what the model may be off by
+// there is no evidence for something else.
+ErrorFloor floor_under_best(const std::vector<Cause>& causes, ErrorFloor floor) {
+    const Cause* best = best_fitted(causes);
+    if (best != nullptr && best->model_error) floor.model = std::max(floor.model, *best->model_error);
+    return floor;
+}
+
 // Evidence for an effect that shows, logarithm: a score of 0 says that the effect may be there unseen, which is `none`.
 double visible_evidence(double score) {
     constexpr double kUnseen = 0.02, kLarge = 30.0;  // a trace of it, so that the order stays
@@ -108,8 +116,9 @@ double unknown_gain(double cost_null, const ErrorFloor& floor, const Calibration
 
 Verdict judge(std::vector<Cause> causes, double cost_null, const ErrorFloor& floor, const Calibration& calibration) {
     Verdict verdict;
-    const double rest = unexplained(cost_null, floor, calibration);
-    const double beyond = unknown_gain(cost_null, floor, calibration);
+    const ErrorFloor there = floor_under_best(causes, floor);
+    const double rest = unexplained(cost_null, there, calibration);
+    const double beyond = gain(cost_null, rest, floor, calibration);
     const double least = calibration.unknown_least();
     const double price = std::max(least, price_of_rival(causes, rest, calibration) + calibration.unknown_rarity);
     const double unknown = visible_evidence(beyond - price - forms_of_best(causes, floor, calibration));

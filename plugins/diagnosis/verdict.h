@@ -46,6 +46,8 @@ struct Cause {
     /// The same where what its effects may get wrong of their form is not held against it (form_columns.h): known if
     /// more was searched on top of it.
     std::optional<double> misfit_beside_forms{};
+    /// Model part of the error floor in the state that the body is in under it, if it was asked for.
+    std::optional<double> model_error{};
     Price price{};  ///< of a fitted cause
     double score = 0.0;
     double probability = 0.0;

@@ -60,39 +60,42 @@ std::vector<std::int32_t> nodes_of(const TruthMesh& mesh, const Facets& facets) 
     return ids;
 }
 
-// Nodes of another mesh of the body that hold as much of its surface as a patch of the truth: where little else holds,
-// the extent of a clamp decides how far the body swings. The nearest first, until the triangles between them have the
-// patch's area.
+// Nodes of another mesh of the body in place of a held patch of the truth. Where little else holds, the extent of a
+// clamp decides how far the body swings, and nodes inside the patch alone would hold less: the nearest are taken until
+// they lie as far about its middle (rms) as the truth's own.
 std::vector<std::int32_t> nodes_covering(const TruthMesh& truth, const Facets& patch, const TetMeshData& mesh,
                                          const Surface& surface) {
-    std::vector<std::int32_t> on_patch = truth.find(patch);
-    std::sort(on_patch.begin(), on_patch.end());
-    double area_m2 = 0.0;
-    for (const std::int32_t t : on_patch) area_m2 += truth.area(static_cast<std::size_t>(t));
-    const std::vector<std::int32_t> around = nodes_of(truth, patch);
+    const std::vector<std::int32_t> triangles = truth.find(patch), held = nodes_of(truth, patch);
+    if (held.empty()) return {};
     const auto position = [&](std::int32_t node) -> const Point& { return mesh.nodes[static_cast<std::size_t>(node)]; };
-    std::vector<std::pair<double, std::int32_t>> nearest;
-    for (const std::int32_t node : surface.nodes()) {
-        double away = std::numeric_limits<double>::infinity();
-        for (const std::int32_t a : around)
-            away = std::min(away, distance(position(node), truth.nodes()[static_cast<std::size_t>(a)]));
-        const std::int32_t on = truth.surface().closest(position(node)).triangle;
-        nearest.emplace_back(std::binary_search(on_patch.begin(), on_patch.end(), on) ? 0.0 : away, node);
-    }
-    std::sort(nearest.begin(), nearest.end());
-    std::vector<char> held(mesh.nodes.size(), 0);
-    const auto covered_m2 = [&] {
-        double sum = 0.0;
-        for (const auto& [a, b, c] : surface.triangles())
-            if (held[static_cast<std::size_t>(a)] && held[static_cast<std::size_t>(b)] &&
-                held[static_cast<std::size_t>(c)])
-                sum += 0.5 * norm(cross(minus(position(b), position(a)), minus(position(c), position(a))));
-        return sum;
+    const auto of_truth = [&](std::int32_t node) -> const Point& {
+        return truth.nodes()[static_cast<std::size_t>(node)];
     };
+    Point middle{};
+    for (const std::int32_t node : held)
+        middle = plus(middle, times(1.0 / static_cast<double>(held.size()), of_truth(node)));
+    const auto away = [&](const Point& p) {
+        double least = std::numeric_limits<double>::infinity();
+        for (const std::int32_t t : triangles) {
+            const auto& [a, b, c] = truth.surface().triangles()[static_cast<std::size_t>(t)];
+            const auto w = closest_barycentric(p, of_truth(a), of_truth(b), of_truth(c));
+            const Point on = plus(plus(times(w[0], of_truth(a)), times(w[1], of_truth(b))), times(w[2], of_truth(c)));
+            least = std::min(least, distance(p, on));
+        }
+        return least;
+    };
+    double wanted_m2 = 0.0;
+    for (const std::int32_t node : held)
+        wanted_m2 += std::pow(distance(of_truth(node), middle), 2) / static_cast<double>(held.size());
+    std::vector<std::pair<double, std::int32_t>> nearest;
+    for (const std::int32_t node : surface.nodes()) nearest.emplace_back(away(position(node)), node);
+    std::sort(nearest.begin(), nearest.end());
     std::vector<std::int32_t> nodes;
-    for (std::size_t k = 0; k < nearest.size() && covered_m2() < area_m2; ++k) {
-        nodes.push_back(nearest[k].second);
-        held[static_cast<std::size_t>(nodes.back())] = 1;
+    double sum_m2 = 0.0;
+    for (const auto& [apart, node] : nearest) {
+        if (nodes.size() >= 3 && sum_m2 >= wanted_m2 * static_cast<double>(nodes.size())) break;
+        nodes.push_back(node);
+        sum_m2 += std::pow(distance(position(node), middle), 2);
     }
     std::sort(nodes.begin(), nodes.end());
     return nodes;

@@ -313,6 +313,20 @@ TEST(Diagnosis, VariantInAnotherEquilibriumWeighsItsFrameOnly) {
     }
 }
 
+// Half as stiff everywhere, the body moves twice as far, and so do the variants' differences.
+TEST(Diagnosis, EnsembleUnderACauseIsThatOfItsMotion) {
+    Scene scene({});
+    const EffectTable effects(scene.body, &scene.camera, {});
+    Simulator simulator(scene.body, &scene.camera, effects);
+    const auto nominal = discrepancy_about(simulator, {{50.0, 50.0}, {}}, {}),
+               soft = discrepancy_about(simulator, {{25.0, 25.0}, {{effects.find("stiffness"), {0.5}}}}, {});
+    ASSERT_TRUE(nominal && soft);
+    EXPECT_NEAR(soft->columns.norm() / nominal->columns.norm(), 2.0, 0.01);
+    EXPECT_NEAR(soft->at_points.norm() / nominal->at_points.norm(), 2.0, 0.01);
+    scene.body.converges = false;
+    EXPECT_FALSE(discrepancy_about(simulator, {{25.0, 25.0}, {}}, {}));
+}
+
 // Hypotheses fitted two at a time by two models: the same answer to the last digit that matters.
 TEST(Diagnosis, TwoModelsSayWhatOneSays) {
     const std::vector<double> load{0.15, -0.1, -0.35, 0.08, 0.03, 5.3}, shift{0.004, -0.003, 0.005};

@@ -56,6 +56,18 @@ TEST(Verdict, UnknownIsWorthWhatItGainsBesideFormsOfTheBest) {
     EXPECT_NEAR(lead_of_unknown(cause), alone, 1e-6);
 }
 
+// Where the model may be off by 2 under the best cause, `unknown` leaves 1.4 + 0.03 (10 - 1.4) = 1.658.
+TEST(Verdict, UnknownReachesTheModelErrorOfTheStateUnderTheBest) {
+    const auto lead_of_unknown = [](double model_error) {
+        Cause cause = fitted({0}, 3.0, 5.0);
+        cause.model_error = model_error;
+        const Verdict verdict = judge({cause, fitted({1}, 8.0, 5.0)}, kNominal, kFloor, {});
+        return Calibration{}.temperature * std::log(verdict.unknown_probability / probability_of(verdict, {0}));
+    };
+    EXPECT_NEAR(lead_of_unknown(2.0), 22.5 * std::log(4.0 / 2.658) - 7.0 + 5.0, 1e-6);
+    EXPECT_NEAR(lead_of_unknown(0.5), 22.5 * std::log(4.0 / 1.979) - 7.0 + 5.0, 1e-6) << "never less than at rest";
+}
+
 // The pair leaves half the floor at 20 nats; the single cause leaves 6 at 5 nats. An unknown effect would pay at least
 // what the pair pays.
 TEST(Verdict, APairThatExplainsEverythingIsNotUnknown) {
