@@ -130,7 +130,10 @@ std::vector<Cause> fit_chosen(Problem& problem, const Fit& nominal, const Base* 
     report(0.0);
     std::vector<Cause> causes;
     const auto settled = [&](const EffectScreening& next) {
-        if (problem.simulator.mechanics().dynamic() && !problem.simulator.effects()[next.entry].sensor) return false;
+        const EffectEntry& entry = problem.simulator.effects()[next.entry];
+        if (problem.simulator.mechanics().dynamic() && !entry.sensor) return false;
+        // A clamp that gives way: first order says much less than it explains, and nothing is to be searched.
+        if (entry.support() && next.num_candidates == 1) return false;
         const auto best = std::max_element(causes.begin(), causes.end(),
                                            [](const Cause& a, const Cause& b) { return a.score < b.score; });
         const double lead = best->score - (known != nullptr ? known->score : 0.0) - next.score;
