@@ -97,10 +97,13 @@ class AroundEvent {
         }
         return best;
     }
-    /// `start` with its instant between these frames.
+    /// `start` with the middle of its event half way between these frames; it takes as long as it does in `start`, or
+    /// from the one to the other: fits shorten or stretch it, but only where a frame is amid it.
     Assumption between(Assumption start, std::int32_t frame, std::int32_t next) const {
+        if (!at_) return start;
         const auto time_s = [&](std::int32_t f) { return problem_.simulator.times_s()[static_cast<std::size_t>(f)]; };
-        if (at_) set(start, std::max(earliest_s_, time_s(frame)), std::max(shortest_s_, time_s(next) - time_s(frame)));
+        const double duration_s = std::max(start.effects.back().values[at_->duration], time_s(next) - time_s(frame));
+        set(start, std::max(earliest_s_, 0.5 * (time_s(frame) + time_s(next) - duration_s)), duration_s);
         return start;
     }
     bool has_instant() const { return at_.has_value(); }
@@ -112,7 +115,7 @@ class AroundEvent {
     }
     Problem& problem_;
     std::optional<Instant> at_;
-    double earliest_s_ = 0.0, shortest_s_ = 0.0;
+    double earliest_s_ = 0.0, shortest_s_ = 0.0;  // lower bounds
     Assumption without_;
     Eigen::VectorXd before_;
 };
@@ -191,6 +194,7 @@ std::vector<StrongStart> best_strong_starts(Problem& problem, std::span<const st
     keep_best(wanted);
     std::erase_if(order, [&](std::size_t k) { return !std::isfinite(found[k].left); });
     std::vector<StrongStart> best;
+    best.reserve(order.size());
     for (const std::size_t k : order) best.push_back({starts[k], found[k].left});
     if (!event.has_instant() || order.empty()) return best;
     std::vector<std::int32_t> all(static_cast<std::size_t>(frames.back()) + 1);  // its instant to the frame

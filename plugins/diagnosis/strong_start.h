@@ -35,7 +35,7 @@ std::vector<StrongStart> best_strong_starts(Problem& problem, std::span<const st
 /// `to` at the instant of `from`, another of the same effect, if that has one.
 ActiveEffect with_instant_of(const EffectEntry& entry, ActiveEffect to, const ActiveEffect& from);
 
-/// What was fitted with its last effect, an event, at the instant between two frames that leaves the least of all.
+/// What was fitted with its last effect, an event, about the instant between two frames that leaves the least of all.
 /// Nothing if that effect has no instant, with inertia or with a sensor effect.
 std::optional<StrongStart> at_best_instant(Problem& problem, const Assumption& fitted);
 
