@@ -11,6 +11,9 @@
 namespace teres {
 namespace {
 
+constexpr double kMoved_m = 1e-3;  // one standard deviation
+constexpr double kMost = 20.0;     // standard deviations
+
 class Cardiac final : public Effect {
   public:
     explicit Cardiac(const Scene& scene) {
@@ -19,10 +22,16 @@ class Cardiac final : public Effect {
         d_.family = "cardiac";
         d_.summary = "the heart beats against the body";
         d_.source = "heart 10 mm, neighbouring vessels 2-3 mm: arXiv 1405.6747; liver 1-3 mm assumed";
-        for (const char* name : {"cos_x", "cos_y", "cos_z", "sin_x", "sin_y", "sin_z"})
-            d_.parameters.push_back(amplitude(name, "N", EffectTransform::kIdentity, 0.0, 0.15, -3.0, 3.0));
-        add_centre(d_.parameters, scene);
         const double radius = 0.1 * scene.size_m, duration = scene.end_s - scene.start_s;
+        // A stiff disk of radius a goes u deep into a half space under 2 E a u / (1 - nu^2) (Boussinesq): of the 1 to
+        // 3 mm that the liver is moved.
+        const BodyData& body = scene.data.body;
+        const double pushed_n =
+            2.0 * body.youngs_modulus_pa * radius * kMoved_m / (1.0 - body.poissons_ratio * body.poissons_ratio);
+        for (const char* name : {"cos_x", "cos_y", "cos_z", "sin_x", "sin_y", "sin_z"})
+            d_.parameters.push_back(
+                amplitude(name, "N", EffectTransform::kIdentity, 0.0, pushed_n, -kMost * pushed_n, kMost * pushed_n));
+        add_centre(d_.parameters, scene);
         d_.parameters.push_back(log_shape("radius", "m", radius, 0.4, 0.02 * scene.size_m, 0.5 * scene.size_m));
         d_.parameters.push_back(log_shape("frequency", "Hz", 1.2, 0.25, 0.5, 3.0));
         for (const char* name : {"harmonic_cos", "harmonic_sin"})
