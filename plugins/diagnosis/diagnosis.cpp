@@ -195,7 +195,7 @@ void weigh_state(Problem& problem, const Fit& nominal, std::vector<Cause>& cause
     const auto best = std::max_element(causes.begin(), causes.end(),
                                        [](const Cause& a, const Cause& b) { return a.score < b.score; });
     if (best == causes.end() || !best->fit.usable || best->score <= 0.0 || best->model_error ||
-        problem.simulator.mechanics().dynamic() ||
+        problem.simulator.mechanics().dynamic() || problem.out_of_time() ||
         best->misfit < problem.floor.noise + problem.options.calibration.unknown_left * problem.floor.model)
         return;
     Assumption state = best->fit.at;
