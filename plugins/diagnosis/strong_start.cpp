@@ -216,6 +216,7 @@ std::optional<StrongStart> at_best_instant(Problem& problem, const Assumption& f
     AroundEvent event(problem, {fitted});
     if (!event.has_instant()) return {};
     std::vector<std::int32_t> all(problem.recording.first_held_frame);
+    if (all.size() < 2) return {};
     std::iota(all.begin(), all.end(), 0);
     Eigen::VectorXd trajectory;
     if (!event.simulate_before(all) || !problem.simulator.simulate_at(event.after(fitted), all, trajectory)) return {};

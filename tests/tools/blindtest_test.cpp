@@ -163,8 +163,6 @@ TEST(Seal, IsSha256) {  // FIPS 180-2, appendix B.1
     EXPECT_EQ(sha256("abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
 }
 
-// By hand: d = (3, 4) in two frames, explained direction (1, 1): the rest is (-0.5, 0.5).
-// A contact that pushes at rest is a steady force, whatever its label says.
 // The nominal model's clamp: as far as the truth's, or a body that little else holds swings on it otherwise.
 TEST(TruthBody, ClampOfTheCaseReachesAsFar) {
     TERES_REQUIRE_CALCULIX();
@@ -196,6 +194,7 @@ TEST(TruthBody, ClampOfTheCaseReachesAsFar) {
     }
 }
 
+// A contact that pushes at rest is a steady force, whatever its label says.
 TEST(MechanicalEffects, AContactPushesOnlyWhatRunsIntoIt) {
     TERES_REQUIRE_CALCULIX();
     const ScratchFolder scratch;
@@ -226,6 +225,7 @@ TEST(MechanicalEffects, AContactPushesOnlyWhatRunsIntoIt) {
     EXPECT_GE(drawn, 3);
 }
 
+// By hand: d = (3, 4) in two frames, explained direction (1, 1): the rest is (-0.5, 0.5).
 TEST(Gap, LeavesOutWhatTheLigamentExplains) {
     const auto one_marker = [](double a, double b) { return Frames{{{a, 0.0, 0.0}}, {{b, 0.0, 0.0}}}; };
     const Frames d = one_marker(3.0, 4.0);
