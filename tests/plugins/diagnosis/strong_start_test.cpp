@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numeric>
 
 #include "plugins/diagnosis/cause_fit.h"
 #include "tests/support/toy_body.h"
@@ -18,6 +19,18 @@ struct Toy {
     test::ToyCamera camera;
     EffectTable effects{body, &camera, {}};
 };
+
+// Every marker at every frame, with this standard deviation.
+Problem compared_by(Simulator& simulator, Recording& recording, const DiagnosisOptions& options, double sigma_m) {
+    std::vector<Eigen::Index> rows(static_cast<std::size_t>(recording.observed.size()));
+    std::iota(rows.begin(), rows.end(), Eigen::Index{0});
+    const Eigen::Index size = recording.observed.size();
+    return {simulator,
+            recording,
+            options,
+            {},
+            Whitener(rows, Eigen::VectorXd::Constant(size, sigma_m), Eigen::MatrixXd::Zero(size, 0))};
+}
 
 TEST(StrongStart, GrowsTheCandidateToTheSideOfFirstOrder) {
     const Toy toy;
@@ -73,16 +86,7 @@ struct SoftPlate : Toy {
         recording.num_frames = test::kToyFrames;
         EXPECT_TRUE(simulator.simulate(at(0.55), recording.observed));
     }
-    Problem problem() {
-        std::vector<Eigen::Index> rows(static_cast<std::size_t>(recording.observed.size()));
-        for (std::size_t k = 0; k < rows.size(); ++k) rows[k] = static_cast<Eigen::Index>(k);
-        const Eigen::Index size = recording.observed.size();
-        return {simulator,
-                recording,
-                options,
-                {},
-                Whitener(rows, Eigen::VectorXd::Constant(size, 1e-3), Eigen::MatrixXd::Zero(size, 0))};
-    }
+    Problem problem() { return compared_by(simulator, recording, options, 1e-3); }
 };
 
 TEST(StrongStart, TheBestLeavesTheLeast) {
@@ -160,16 +164,7 @@ struct SuddenLoad {
         recording.num_frames = recording.first_held_frame = test::kToyFrames;
         EXPECT_TRUE(simulator.simulate(at(7.25, 0.1), recording.observed));
     }
-    Problem problem() {
-        std::vector<Eigen::Index> rows(static_cast<std::size_t>(recording.observed.size()));
-        for (std::size_t k = 0; k < rows.size(); ++k) rows[k] = static_cast<Eigen::Index>(k);
-        const Eigen::Index size = recording.observed.size();
-        return {simulator,
-                recording,
-                options,
-                {},
-                Whitener(rows, Eigen::VectorXd::Constant(size, 1e-4), Eigen::MatrixXd::Zero(size, 0))};
-    }
+    Problem problem() { return compared_by(simulator, recording, options, 1e-4); }
 };
 
 TEST(StrongStart, AnEventIsPutBetweenTheFramesWhereItHappens) {
