@@ -212,45 +212,62 @@ void try_other_places(Problem& problem, const Fit& nominal, const Base* base, co
     score(problem, nominal, base, cause);
 }
 
-// The next best fitted cause of `size` effects whose last has a place: one that stayed in a far hollow may be the
-// better answer. Null where the best cause leaves no more than noise and model error explain, or has a place itself.
-Cause* placed_rival(const Problem& problem, const Screening& screening, std::size_t size, std::vector<Cause>& causes) {
-    const auto has_places = [&](const Cause& cause) {
+// The next best fitted cause whose last effect has a place: one that stayed in a far hollow may be the better answer.
+// Null where the best one leaves no more than noise and model error explain, or has a place itself.
+Cause* placed_rival(const Problem& problem, const Screening& screening, const std::vector<Cause*>& fitted) {
+    const auto has_places = [&](const Cause* cause) {
         return std::any_of(screening.effects.begin(), screening.effects.end(), [&](const EffectScreening& e) {
-            return e.entry == cause.entries.back() && !e.places.empty();
+            return e.entry == cause->entries.back() && !e.places.empty();
         });
     };
-    const Cause& best = causes.front();
-    if (!best.fit.usable || best.fit.compared_cost() < problem.floor.total() || has_places(best)) return nullptr;
-    const auto rival = std::find_if(causes.begin() + 1, causes.end(), [&](const Cause& c) {
-        return c.fit.usable && c.entries.size() == size && has_places(c);
-    });
-    return rival != causes.end() && rival->score > best.score - kOutOfReach ? &*rival : nullptr;
+    const Cause& best = *fitted.front();
+    if (best.fit.compared_cost() < problem.floor.total() || has_places(&best)) return nullptr;
+    const auto rival = std::find_if(fitted.begin() + 1, fitted.end(), has_places);
+    return rival != fitted.end() && (*rival)->score > best.score - kOutOfReach ? *rival : nullptr;
+}
+
+// What was fitted with `size` effects, best first: linear scores of what was not say nothing of what a fit gains.
+std::vector<Cause*> fitted_with(std::size_t size, std::vector<Cause>& causes) {
+    sort_by_score(causes);
+    std::vector<Cause*> fitted;
+    for (Cause& cause : causes)
+        if (cause.fit.usable && cause.entries.size() == size) fitted.push_back(&cause);
+    return fitted;
+}
+
+// The best few, and where none of them pays what explains most: a fit that was ended early does not pay either.
+std::vector<Cause*> worth_finishing(const Problem& problem, const std::vector<Cause*>& fitted) {
+    std::vector<Cause*> best;
+    for (Cause* cause : fitted)
+        if (best.size() < (problem.out_of_time() ? 1 : kPolished) && cause->score > fitted.front()->score - kOutOfReach)
+            best.push_back(cause);
+    if (fitted.front()->score < problem.options.calibration.none_bonus && !problem.out_of_time()) {
+        Cause* most = *std::min_element(fitted.begin(), fitted.end(), [](const Cause* a, const Cause* b) {
+            return a->misfit < b->misfit;
+        });
+        if (std::find(best.begin(), best.end(), most) == best.end()) best.push_back(most);
+    }
+    return best;
 }
 
 // The best cause from other places as well; the best few fitted to the end.
 void finish(Problem& problem, const Fit& nominal, const Base* base, const Screening& screening,
             std::vector<Cause>& causes) {
     const std::size_t size = base != nullptr ? base->known.entries.size() + 1 : 1;
-    sort_by_score(causes);
-    if (causes.empty() || (base != nullptr && causes.front().score < base->known.score - kHopeless)) return;
+    std::vector<Cause*> fitted = fitted_with(size, causes);
+    if (fitted.empty() || (base != nullptr && fitted.front()->score < base->known.score - kHopeless)) return;
     const auto report = stage(problem.options, "finishing the best");
     report(0.0);
     if (!problem.out_of_time()) {
-        Cause* rival = placed_rival(problem, screening, size, causes);
-        try_other_places(problem, nominal, base, screening, rival != nullptr ? *rival : causes.front());
-        sort_by_score(causes);
+        Cause* rival = placed_rival(problem, screening, fitted);
+        try_other_places(problem, nominal, base, screening, rival != nullptr ? *rival : *fitted.front());
+        fitted = fitted_with(size, causes);
     }
     report(0.5);
-    const std::size_t most = problem.out_of_time() ? 1 : kPolished;
-    std::size_t polished = 0;
-    while (polished < std::min(most, causes.size()) && causes[polished].score > causes.front().score - kOutOfReach)
-        ++polished;
-    side_by_side(problem, polished, [&](Problem& p, std::size_t k) {
-        Cause& cause = causes[k];
-        if (!cause.fit.usable || cause.entries.size() != size) return;  // others were finished before
-        settle(p, cause, kFurtherIterations);
-        score(p, nominal, base, cause);
+    const std::vector<Cause*> best = worth_finishing(problem, fitted);
+    side_by_side(problem, best.size(), [&](Problem& p, std::size_t k) {
+        settle(p, *best[k], kFurtherIterations);
+        score(p, nominal, base, *best[k]);
     });
     report(1.0);
     sort_by_score(causes);

@@ -147,6 +147,19 @@ TEST(Diagnosis, PlacedRivalIsFittedFromOtherPlaces) {
     EXPECT_NEAR(fitted[4], v[4], 0.01);
 }
 
+// The same where nothing else explains anything: from there the fit costs more than it explains, and linear scores of
+// what was not fitted are higher.
+TEST(Diagnosis, FitThatDoesNotPayIsTriedFromOtherPlacesBeforeItIsGivenUp) {
+    const std::vector<double> v{0.3, -0.3, 0.9, 0.095, 0.08, 0.5};
+    Scene scene({{test::ToyBody::kUnknownLoad, v}});
+    scene.body.pulled_at = {v[3], v[4]};
+    scene.body.gives_way_n = 0.1;
+    const auto d = scene.run({"gravity", "registration", "marker_slip"}, 1);
+    ASSERT_TRUE(d) << d.error().text;
+    ASSERT_EQ(scene.names(*d), Names{"unknown_load"}) << listing(*d, *scene.effects);
+    EXPECT_NEAR(d->named()->fit.at.effects[0].values[3], v[3], 0.01);
+}
+
 TEST(Diagnosis, StiffnessSensorAndNoiseAreTold) {
     const std::vector<double> soft{0.4}, shift{0.004, -0.003, 0.005}, slip{0.004, 0.0, -0.005, 7.0, 4.1}, law{1500.0};
     {
