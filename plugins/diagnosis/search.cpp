@@ -242,9 +242,8 @@ std::vector<Cause*> worth_finishing(const Problem& problem, const std::vector<Ca
         if (best.size() < (problem.out_of_time() ? 1 : kPolished) && cause->score > fitted.front()->score - kOutOfReach)
             best.push_back(cause);
     if (fitted.front()->score < problem.options.calibration.none_bonus && !problem.out_of_time()) {
-        Cause* most = *std::min_element(fitted.begin(), fitted.end(), [](const Cause* a, const Cause* b) {
-            return a->misfit < b->misfit;
-        });
+        Cause* most = *std::min_element(fitted.begin(), fitted.end(),
+                                        [](const Cause* a, const Cause* b) { return a->misfit < b->misfit; });
         if (std::find(best.begin(), best.end(), most) == best.end()) best.push_back(most);
     }
     return best;

@@ -11,8 +11,8 @@
 namespace teres {
 namespace {
 
-constexpr double kMoved_m = 1e-3;  // one standard deviation
-constexpr double kMost = 20.0;     // standard deviations
+constexpr double kMoved_m = 2e-3;  // one standard deviation
+constexpr double kMost = 10.0;     // standard deviations
 
 class Cardiac final : public Effect {
   public:
@@ -23,8 +23,8 @@ class Cardiac final : public Effect {
         d_.summary = "the heart beats against the body";
         d_.source = "heart 10 mm, neighbouring vessels 2-3 mm: arXiv 1405.6747; liver 1-3 mm assumed";
         const double radius = 0.1 * scene.size_m, duration = scene.end_s - scene.start_s;
-        // A stiff disk of radius a goes u deep into a half space under 2 E a u / (1 - nu^2) (Boussinesq): of the 1 to
-        // 3 mm that the liver is moved.
+        // A stiff disk of radius a goes u deep into a half space under 2 E a u / (1 - nu^2) (Boussinesq); u: the middle
+        // of the 1 to 3 mm that the liver is moved, where the heart pushes.
         const BodyData& body = scene.data.body;
         const double pushed_n =
             2.0 * body.youngs_modulus_pa * radius * kMoved_m / (1.0 - body.poissons_ratio * body.poissons_ratio);
