@@ -140,6 +140,24 @@ TEST(Scoring, AnAnswerMayDeclareTheRightCauseInseparable) {
     EXPECT_EQ(s.top1.right, 1);
 }
 
+TEST(Scoring, WithheldItMayBeAnsweredByWhatTheFullAnswerDeclaredInseparable) {
+    const std::string full =
+        gap_json(R"({"effects":["gravity"],"probability":0.9,"confusable_with":["contact"]})", 0.1, 0.0);
+    const auto withheld = [&](const char* truth, const char* instead) {
+        CaseResult r = result(truth, 2.0, full);
+        r.withheld = *parse_answer(gap_json(cause(instead, 0.8), 0.2, 0.0), "t");
+        return r;
+    };
+    const Summary s =
+        summarise(std::vector{withheld("gravity", R"("contact")"),    // declared
+                              withheld("gravity", R"("stiffness")"),  // not
+                              withheld("contact", R"("gravity")"),    // the full answer itself, which declares it
+                              withheld("cut", R"("gravity")")});      // ... and does not
+    EXPECT_EQ(s.withheld_unknown.right, 0);
+    EXPECT_EQ(s.withheld_declared.right, 2);
+    EXPECT_EQ(s.withheld_declared.of, 4);
+}
+
 // Of two causes one adds 0.1 mm to a floor of 0.35 mm: naming the other is right, naming what was not there is not.
 TEST(Scoring, OfTwoCausesOnlyTheVisibleOnesMustBeNamed) {
     std::vector<CaseResult> r;

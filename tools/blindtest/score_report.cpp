@@ -86,7 +86,8 @@ std::string report_text(const Summary& s) {
     line("false alarms on controls", share(s.false_alarm));
     line("causes below the floor answered `none`", share(s.invisible_none));
     line("answered `unknown` although in the catalogue, visible", share(s.false_unknown));
-    line("effect withheld: `unknown` or its family, visible", share(s.withheld_unknown));
+    line("effect withheld: `unknown` or its family / or what the full answer declares inseparable from it, visible",
+         share(s.withheld_unknown) + " / " + share(s.withheld_declared));
     line("two causes, each visible: both named / at least one", share(s.two_both) + " / " + share(s.two_one));
     line("two causes, one visible: that or both named", share(s.two_seen));
     line("place of located causes, right cause, median", value(median(s.place_mm), "{:.1f}", " mm"));

@@ -179,13 +179,16 @@ void add_single(const CaseResult& r, const std::string& best, bool visible, Summ
     for (auto* share : {&s.top1, &row.top1}) share->add(top1);
     for (auto* share : {&s.top3, &row.top3}) share->add(top3);
     const auto& also = r.answer->inseparable;
-    s.declared.add(top1 || (is_cause(best) && std::count(also.begin(), also.end(), r.truth) != 0));
+    const auto declared = [&](const std::string& id) { return std::count(also.begin(), also.end(), id) != 0; };
+    s.declared.add(top1 || (is_cause(best) && declared(r.truth)));
     for (auto* share : {&s.family, &row.family}) share->add(top1 || same_family(best, r.truth));
     if (is_cause(best)) s.kind.add(is_sensor(best) == is_sensor(r.truth));
     s.false_unknown.add(best == "unknown");
     if (r.withheld) {
         const std::string instead = r.withheld->best().first;
-        s.withheld_unknown.add(instead == "unknown" || same_family(instead, r.truth));
+        const bool unknown = instead == "unknown" || same_family(instead, r.truth);
+        s.withheld_unknown.add(unknown);
+        s.withheld_declared.add(unknown || (top1 && declared(instead)) || (instead == best && declared(r.truth)));
     }
     if (top1 && r.place_error_mm) {
         s.place_mm.push_back(*r.place_error_mm);

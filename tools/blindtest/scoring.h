@@ -80,6 +80,7 @@ struct Summary {
     Share invisible_none;                 ///< causes below the floor answered "none"
     Share false_alarm;                    ///< controls; `right` counts the alarms
     Share withheld_unknown;               ///< visible, withheld: "unknown" or another effect of its family
+    Share withheld_declared;              ///< ... or what the full answer declares inseparable from it
     Share false_unknown;                  ///< visible, not withheld; `right` counts the answers "unknown"
     Share two_both, two_one;              ///< two causes, each of them visible: both named, at least one
     Share two_seen;                       ///< two causes, one of them visible: named is that one, or both
