@@ -13,6 +13,8 @@ struct Calibration {
     double within_floor = 4.0;
     /// Probabilities are p^(1/temperature): sealed cases were right less often than untempered ones said.
     double temperature = 1.5;
+    /// Share of what a fit narrows a place or times down beyond the search grid that an effect pays for.
+    double narrowing = 0.5;
     /// Prior cost of every effect beyond the first [nats].
     double further_effect = 3.0;
     /// ... and of every mechanical effect beyond the first besides: two may stand for the error of form of one.

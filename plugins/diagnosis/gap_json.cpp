@@ -219,6 +219,7 @@ Json to_json(const Diagnosis& d, const EffectTable& effects, const TrajectoryMod
                  {"cost", cause.misfit / used},
                  {"cost_beside_forms",
                   cause.misfit_beside_forms ? Json(*cause.misfit_beside_forms / used) : Json(nullptr)},
+                 {"model_cost", cause.model_error ? Json(*cause.model_error / used) : Json(nullptr)},  // in its state
                  {"score", cause.score},
                  {"tail_nats", cause.price.tail},
                  {"occam_nats", cause.price.occam},

@@ -98,7 +98,7 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
     cause.price = {
         tail, occam_price(S.topLeftCorner(amplitudes, amplitudes), counted), cause.search_cost,
         // A place that the fit narrows down further than the search grid does is the more fine-tuned.
-        std::max(0.0, narrowing_price(S, amplitudes) - cause.search_cost),
+        calibration.narrowing * std::max(0.0, narrowing_price(S, amplitudes) - cause.search_cost),
         calibration.further_effect * static_cast<double>(cause.entries.size() - 1) +
             calibration.further_mechanical * static_cast<double>(std::max<std::ptrdiff_t>(0, mechanical - 1))};
     cause.misfit = misfit_of(fit, theta);
