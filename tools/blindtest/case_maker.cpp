@@ -16,6 +16,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 constexpr int kAttempts = 3, kVisibleAttempts = 12;
+constexpr std::uint64_t kPatients = 6, kApart = std::uint64_t{1} << 32;  // of a given body; between their draws
 
 Frames difference(const Frames& a, const Frames& b) {
     Frames d = a;
@@ -106,16 +107,21 @@ Result<const CaseMaker::Patient*> CaseMaker::patient(const CaseSpec& spec) {
     auto found = patients_.find(key);
     if (found == patients_.end()) {
         if (!patients_.empty() && std::get<0>(patients_.begin()->first) != spec.draw) patients_.clear();
-        found = patients_.emplace(key, make_patient(spec)).first;
+        auto made = make_patient(spec, 0);
+        for (std::uint64_t k = 1; body_options.given && k < kPatients && !made; ++k) {
+            if (made.error().kind != ErrorKind::kNotUsable) break;
+            made = make_patient(spec, k);
+        }
+        found = patients_.emplace(key, std::move(made)).first;
     }
     if (!found->second) return tl::unexpected(found->second.error());
     return found->second->get();
 }
 
-Result<std::unique_ptr<CaseMaker::Patient>> CaseMaker::make_patient(const CaseSpec& spec) const {
+Result<std::unique_ptr<CaseMaker::Patient>> CaseMaker::make_patient(const CaseSpec& spec, std::uint64_t number) const {
     BodyOptions options = body_options;
     options.seed = seed_;
-    options.draw = spec.draw;
+    options.draw = spec.draw + number * kApart;
     options.clamped = spec.clamped;
     options.dynamic = spec.dynamic;
     TERES_TRY_ASSIGN(TruthBody body, TruthBody::make(options, scratch_));
@@ -138,9 +144,8 @@ Result<CaseMaker::Outcome> CaseMaker::make(const CaseSpec& spec) {
     const auto who = patient(spec);
     if (!who && who.error().kind != ErrorKind::kNotUsable) return tl::unexpected(who.error());
     if (!who && body_options.given)  // all cases are of this patient
-        return not_usable("seed " + std::to_string(seed_) +
-                          ": no solution for the undisturbed body; another seed draws another patient. " +
-                          last_words(who.error().text));
+        return not_usable("seed " + std::to_string(seed_) + ": the undisturbed body has no solution for any of " +
+                          std::to_string(kPatients) + " patients; see its loads. " + last_words(who.error().text));
     if (!who) reason = who.error().text;
     for (int attempt = 0; who && attempt < (least_gap_m > 0.0 ? kVisibleAttempts : kAttempts); ++attempt) {
         const Status made = make_once(spec, **who, attempt);

@@ -25,7 +25,8 @@ class CaseMaker {
     enum class Outcome { kMade, kWasThere, kDiscarded };
     /// A case whose solution does not converge is drawn again twice, one that shows too little eleven times; then it is
     /// discarded (label.json says so).
-    /// Errors: kHostFault (ccx missing, disk); kNotUsable: the one patient of a given body has no solution.
+    /// Of a given body all cases are of one patient: others are drawn until one has a solution.
+    /// Errors: kHostFault (ccx missing, disk); kNotUsable: none of the patients of a given body has a solution.
     Result<Outcome> make(const CaseSpec& spec);
     /// Sizes of the bodies (tests make small ones).
     BodyOptions body_options;
@@ -41,7 +42,7 @@ class CaseMaker {
     };
     using Key = std::tuple<std::uint64_t, bool, bool>;
     Result<const Patient*> patient(const CaseSpec& spec);
-    Result<std::unique_ptr<Patient>> make_patient(const CaseSpec& spec) const;
+    Result<std::unique_ptr<Patient>> make_patient(const CaseSpec& spec, std::uint64_t number) const;
     Status make_once(const CaseSpec& spec, const Patient& patient, int attempt);
 
     std::uint64_t seed_;

@@ -61,19 +61,18 @@ std::vector<std::int32_t> nodes_of(const TruthMesh& mesh, const Facets& facets) 
 }
 
 // Nodes of another mesh of the body in place of a held patch of the truth. Where little else holds, the extent of a
-// clamp decides how far the body swings, and nodes inside the patch alone would hold less: the nearest are taken until
-// they lie as far about its middle (rms) as the truth's own.
+// clamp decides how far the body swings, and as much of the surface as the patch has would hold less, for only
+// triangles whose nodes are all held are: the nearest are taken until theirs (a third of each triangle about a node)
+// is 1.5 times the patch. On such a clamp alone two bodies move 1.20 and 1.07 times as far as the truth.
 std::vector<std::int32_t> nodes_covering(const TruthMesh& truth, const Facets& patch, const TetMeshData& mesh,
                                          const Surface& surface) {
-    const std::vector<std::int32_t> triangles = truth.find(patch), held = nodes_of(truth, patch);
-    if (held.empty()) return {};
+    constexpr double kOwnArea = 1.5;
+    const std::vector<std::int32_t> triangles = truth.find(patch);
+    if (triangles.empty()) return {};
     const auto position = [&](std::int32_t node) -> const Point& { return mesh.nodes[static_cast<std::size_t>(node)]; };
     const auto of_truth = [&](std::int32_t node) -> const Point& {
         return truth.nodes()[static_cast<std::size_t>(node)];
     };
-    Point middle{};
-    for (const std::int32_t node : held)
-        middle = plus(middle, times(1.0 / static_cast<double>(held.size()), of_truth(node)));
     const auto away = [&](const Point& p) {
         double least = std::numeric_limits<double>::infinity();
         for (const std::int32_t t : triangles) {
@@ -85,17 +84,22 @@ std::vector<std::int32_t> nodes_covering(const TruthMesh& truth, const Facets& p
         return least;
     };
     double wanted_m2 = 0.0;
-    for (const std::int32_t node : held)
-        wanted_m2 += std::pow(distance(of_truth(node), middle), 2) / static_cast<double>(held.size());
+    for (const std::int32_t t : triangles) wanted_m2 += kOwnArea * truth.area(static_cast<std::size_t>(t));
+    std::map<std::int32_t, double> own_m2;
+    for (const auto& triangle : surface.triangles()) {
+        const auto& [a, b, c] = triangle;
+        const double area_m2 = 0.5 * norm(cross(minus(position(b), position(a)), minus(position(c), position(a))));
+        for (const std::int32_t node : triangle) own_m2[node] += area_m2 / 3.0;
+    }
     std::vector<std::pair<double, std::int32_t>> nearest;
     for (const std::int32_t node : surface.nodes()) nearest.emplace_back(away(position(node)), node);
     std::sort(nearest.begin(), nearest.end());
     std::vector<std::int32_t> nodes;
     double sum_m2 = 0.0;
     for (const auto& [apart, node] : nearest) {
-        if (nodes.size() >= 3 && sum_m2 >= wanted_m2 * static_cast<double>(nodes.size())) break;
+        if (nodes.size() >= 3 && sum_m2 + 0.5 * own_m2[node] >= wanted_m2) break;
         nodes.push_back(node);
-        sum_m2 += std::pow(distance(position(node), middle), 2);
+        sum_m2 += own_m2[node];
     }
     std::sort(nodes.begin(), nodes.end());
     return nodes;
