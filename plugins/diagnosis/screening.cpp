@@ -1,6 +1,7 @@
 #include "plugins/diagnosis/screening.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -122,6 +123,40 @@ double occam_price(const Eigen::MatrixXd& S, Eigen::Index counted) {
     return 0.5 * values.tail(std::min(counted, values.size())).cwiseMax(0.0).array().log1p().sum();
 }
 
+AmplitudePrice amplitude_price(const std::vector<Eigen::VectorXd>& a, const Eigen::MatrixXd& S, Eigen::Index counted) {
+    constexpr std::array kScale{1.0, 0.5, 0.25, 0.125}, kProbability{0.7, 0.1, 0.1, 0.1};
+    std::vector<double> logarithms;
+    AmplitudePrice best;
+    std::vector<std::size_t> choice(a.size(), 0);
+    for (bool more = true; more;) {
+        Eigen::VectorXd scale(S.rows());
+        double tail = 0.0, prior = 0.0;
+        Eigen::Index first = 0;
+        for (std::size_t e = 0; e < a.size(); ++e) {
+            const double s = kScale[choice[e]];
+            scale.segment(first, a[e].size()).setConstant(s);
+            first += a[e].size();
+            tail += tail_price(a[e] / s);
+            prior += std::log(kProbability[choice[e]]);
+        }
+        logarithms.push_back(prior - tail - occam_price(scale.asDiagonal() * S * scale.asDiagonal(), counted));
+        if (logarithms.back() == *std::max_element(logarithms.begin(), logarithms.end())) best.tail = tail;
+        more = false;
+        for (std::size_t& c : choice) {  // the next combination
+            if (++c < kScale.size()) {
+                more = true;
+                break;
+            }
+            c = 0;
+        }
+    }
+    const double top = *std::max_element(logarithms.begin(), logarithms.end());
+    double sum = 0.0;
+    for (const double l : logarithms) sum += std::exp(l - top);
+    best.occam = -top - std::log(sum) - best.tail;
+    return best;
+}
+
 double narrowing_price(const Eigen::MatrixXd& S, Eigen::Index amplitudes) {
     return occam_price(S, S.rows()) - occam_price(S.topLeftCorner(amplitudes, amplitudes), amplitudes);
 }
@@ -183,9 +218,9 @@ Screening screen(const Simulator& simulator, const Signatures& signatures, const
 
             Assumption other = base.at;
             other.effects.push_back(full);
-            double cost = out.cost_null, occam = 0.0;
+            double cost = out.cost_null, tempering = 0.0;
             Eigen::VectorXd a = Eigen::VectorXd::Zero(c.count);
-            Eigen::MatrixXd S;
+            Eigen::MatrixXd S = Eigen::MatrixXd::Zero(c.count, c.count);
             if (simulator.noise_factor(other) != simulator.noise_factor(base.at)) {
                 cost = out.cost_null / std::max(1.0, white_factor * white_factor);
                 a.setConstant(std::sqrt(std::max(1.0, white_factor * white_factor)) - 1.0);
@@ -200,15 +235,15 @@ Screening screen(const Simulator& simulator, const Signatures& signatures, const
                     a(i) = std::clamp(a(i), bounds.lower, bounds.upper);
                 }
                 cost = std::max(out.cost_null - 2.0 * b.dot(a) + a.dot(S * a), 1e-3 * out.cost_null);
-                const double tempering = calibration.nu / floor.above(cost);
-                occam = occam_price(tempering * S, counted_amplitudes(c.count));
+                tempering = calibration.nu / floor.above(cost);
                 if (S.trace() > effect.visibility) {
                     effect.visibility = S.trace();
                     effect.signature = columns;
                 }
             }
+            const AmplitudePrice price = amplitude_price({a}, tempering * S, counted_amplitudes(c.count));
             const double score = -0.5 * calibration.nu * std::log(floor.above(cost) / floor.above(out.cost_null)) -
-                                 tail_price(a) - occam;
+                                 price.tail - price.occam;
             scores.push_back(score);
             const double explained = 1.0 - cost / out.cost_null;
             const ActiveEffect start = scaled(table[e], full, amplitude, a);

@@ -3,8 +3,8 @@
 //
 //     r ~ N(0, I + J J^T + G G^T)     r: residual at the prior mean, J: nuisance, G: signature of the candidate
 //     cost_c = min over a of  (r - G a)^T (I + J J^T)^-1 (r - G a),   a within the physical bounds
-//     score  = -(nu/2) ln(above(cost_c) / above(cost_0)) - tail(a) - 1/2 ln|I + (nu/above(cost_c)) S|,
-//     S = G^T (I + J J^T)^-1 G,   above: error_floor.h
+//     score  = -(nu/2) ln(above(cost_c) / above(cost_0)) - price(a, (nu/above(cost_c)) S),
+//     S = G^T (I + J J^T)^-1 G,   above: error_floor.h,   price: amplitude_price()
 //
 // scale-free and counting nu samples (calibration.h), averaged over the candidates of an effect.
 #pragma once
@@ -60,6 +60,17 @@ Eigen::Index counted_amplitudes(Eigen::Index amplitudes);
 /// 1/2 ln|I + S| over the `counted` largest directions [nats]; S: tempered chi^2 of amplitudes at one prior standard
 /// deviation.
 double occam_price(const Eigen::MatrixXd& S, Eigen::Index counted);
+/// What the amplitudes of effects cost. How large an effect is, is not known to a factor: those of effect e share a
+/// scale s_e, 1 with 70 % and 1/2, 1/4, 1/8 with 10 % each,
+///
+///     price = -ln sum over all s of p(s) exp(-sum_e tail(a_e/s_e) - 1/2 ln|I + D S D|)     D: s_e on its amplitudes
+///
+/// `tail` is that of the most probable scales, `occam` the rest. `a`: per effect, in prior standard deviations; S as in
+/// occam_price(), in their order.
+struct AmplitudePrice {
+    double tail = 0.0, occam = 0.0;  ///< [nats]
+};
+AmplitudePrice amplitude_price(const std::vector<Eigen::VectorXd>& a, const Eigen::MatrixXd& S, Eigen::Index counted);
 /// What 1/2 ln|I + S| grows by when places and times (rows behind the `amplitudes` first) count as well [nats].
 double narrowing_price(const Eigen::MatrixXd& S, Eigen::Index amplitudes);
 

@@ -47,8 +47,8 @@ double forms_of_best(const std::vector<Cause>& causes, const ErrorFloor& floor, 
     return std::max(0.0, gain(best->misfit, *best->misfit_beside_forms, floor, calibration));
 }
 
-// Whatever acts on the body takes it to about the state that it is in under the best cause: what the model may be off by
-// there is no evidence for something else.
+// Whatever acts on the body takes it to about the state that it is in under the best cause: what the model may be off
+// by there is no evidence for something else.
 ErrorFloor floor_under_best(const std::vector<Cause>& causes, ErrorFloor floor) {
     const Cause* best = best_fitted(causes);
     if (best != nullptr && best->model_error) floor.model = std::max(floor.model, *best->model_error);
@@ -75,14 +75,14 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
     const Eigen::Index theta = nominal.u.size();
     std::vector<Eigen::Index> amplitude, shape;
     Eigen::Index column = theta, counted = 0;
-    double tail = 0.0;  // effects are independent a priori
+    std::vector<Eigen::VectorXd> of_effect;
     for (const std::size_t e : cause.entries) {
         std::vector<Eigen::Index> own;
         for (const EffectParameter& p : effects[e].parameters) {
             (p.role == EffectRole::kAmplitude ? own : shape).push_back(column);
             ++column;
         }
-        tail += tail_price(fit.u(own));
+        of_effect.emplace_back(fit.u(own));
         counted += counted_amplitudes(static_cast<Eigen::Index>(own.size()));
         amplitude.insert(amplitude.end(), own.begin(), own.end());
     }
@@ -95,8 +95,9 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
     const Eigen::MatrixXd H = Eigen::MatrixXd::Identity(theta, theta) + J.transpose() * J;
     const Eigen::MatrixXd S = calibration.nu / floor.above(std::min(fit.cost, floor.total())) *
                               (G.transpose() * G - G.transpose() * J * H.ldlt().solve(J.transpose() * G));
+    const AmplitudePrice price = amplitude_price(of_effect, S.topLeftCorner(amplitudes, amplitudes), counted);
     cause.price = {
-        tail, occam_price(S.topLeftCorner(amplitudes, amplitudes), counted), cause.search_cost,
+        price.tail, price.occam, cause.search_cost,
         // A place that the fit narrows down further than the search grid does is the more fine-tuned.
         calibration.narrowing * std::max(0.0, narrowing_price(S, amplitudes) - cause.search_cost),
         calibration.further_effect * static_cast<double>(cause.entries.size() - 1) +
