@@ -125,36 +125,33 @@ double occam_price(const Eigen::MatrixXd& S, Eigen::Index counted) {
 
 AmplitudePrice amplitude_price(const std::vector<Eigen::VectorXd>& a, const Eigen::MatrixXd& S, Eigen::Index counted) {
     constexpr std::array kScale{1.0, 0.5, 0.25, 0.125}, kProbability{0.7, 0.1, 0.1, 0.1};
-    std::vector<double> logarithms;
-    AmplitudePrice best;
-    std::vector<std::size_t> choice(a.size(), 0);
-    for (bool more = true; more;) {
+    std::size_t combinations = 1;
+    for (std::size_t e = 0; e < a.size(); ++e) combinations *= kScale.size();
+    AmplitudePrice price;
+    double top = -std::numeric_limits<double>::infinity();
+    std::vector<double> logarithms;  // of the terms of the sum
+    for (std::size_t k = 0; k < combinations; ++k) {
         Eigen::VectorXd scale(S.rows());
-        double tail = 0.0, prior = 0.0;
         Eigen::Index first = 0;
-        for (std::size_t e = 0; e < a.size(); ++e) {
-            const double s = kScale[choice[e]];
-            scale.segment(first, a[e].size()).setConstant(s);
-            first += a[e].size();
-            tail += tail_price(a[e] / s);
-            prior += std::log(kProbability[choice[e]]);
+        double tail = 0.0, prior = 0.0;
+        std::size_t rest = k;  // a digit per effect
+        for (const Eigen::VectorXd& own : a) {
+            const std::size_t choice = rest % kScale.size();
+            rest /= kScale.size();
+            scale.segment(first, own.size()).setConstant(kScale[choice]);
+            first += own.size();
+            tail += tail_price(own / kScale[choice]);
+            prior += std::log(kProbability[choice]);
         }
         logarithms.push_back(prior - tail - occam_price(scale.asDiagonal() * S * scale.asDiagonal(), counted));
-        if (logarithms.back() == *std::max_element(logarithms.begin(), logarithms.end())) best.tail = tail;
-        more = false;
-        for (std::size_t& c : choice) {  // the next combination
-            if (++c < kScale.size()) {
-                more = true;
-                break;
-            }
-            c = 0;
-        }
+        if (logarithms.back() <= top) continue;
+        top = logarithms.back();
+        price.tail = tail;
     }
-    const double top = *std::max_element(logarithms.begin(), logarithms.end());
     double sum = 0.0;
     for (const double l : logarithms) sum += std::exp(l - top);
-    best.occam = -top - std::log(sum) - best.tail;
-    return best;
+    price.occam = -top - std::log(sum) - price.tail;
+    return price;
 }
 
 double narrowing_price(const Eigen::MatrixXd& S, Eigen::Index amplitudes) {
