@@ -165,7 +165,7 @@ TEST(Seal, IsSha256) {  // FIPS 180-2, appendix B.1
 }
 
 // The nominal model's clamp: as much as the truth's and where it is, or a body that little else holds swings on it
-// otherwise. The fourth patch bends round an edge: its middle is as far from all of its nodes.
+// otherwise. Of the fourth patch the three nearest nodes lie as far out as the whole of it does.
 TEST(TruthBody, ClampOfTheCaseHoldsAsMuch) {
     TERES_REQUIRE_CALCULIX();
     for (const std::uint64_t seed : {3U, 7U, 11U, 20261402U}) {
@@ -191,12 +191,12 @@ TEST(TruthBody, ClampOfTheCaseHoldsAsMuch) {
             held_m2 += held == 3 ? area_m2 : 0.0;
         }
         EXPECT_NEAR(own_m2 / patch_m2, 1.5, 0.1) << "seed " << seed;
-        EXPECT_NEAR(held_m2 / patch_m2, 0.9, 0.3) << "seed " << seed << ": triangles whose nodes are all held";
-        for (const std::int32_t n : nominal.clamped) {  // an edge of its mesh beyond the patch at most
+        EXPECT_NEAR(held_m2 / patch_m2, 0.8, 0.15) << "seed " << seed << ": triangles whose nodes are all held";
+        for (const std::int32_t n : nominal.clamped) {  // half an edge of its mesh (12 mm) beyond the patch at most
             double away = 1.0;
             for (const std::int32_t t : truth)
                 away = std::min(away, distance(at(n), body->mesh().nodes()[static_cast<std::size_t>(t)]));
-            EXPECT_LT(away, 0.024) << "seed " << seed;
+            EXPECT_LT(away, 0.012) << "seed " << seed;
         }
     }
 }
