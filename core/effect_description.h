@@ -7,6 +7,7 @@
 #pragma once
 
 #include <cmath>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -21,6 +22,7 @@ struct EffectDescription {
     std::string not_applicable;  ///< empty: this case can show it
     std::vector<EffectParameter> parameters;
     std::vector<std::vector<double>> candidates;
+    std::optional<std::size_t> surface_centre;  ///< parameter center_x of a place that lies on the surface
 
     EffectInfo info() const {
         return {id,

@@ -29,7 +29,7 @@ struct NominalParameter {
 
 class TrajectoryModel : public EffectCatalogue {
   public:
-    static constexpr const char* kId = "teres.trajectory_model/6";
+    static constexpr const char* kId = "teres.trajectory_model/7";
 
     virtual std::size_t num_parameters() const noexcept = 0;
     virtual NominalParameter parameter(std::size_t index) const noexcept = 0;
@@ -51,14 +51,17 @@ class TrajectoryModel : public EffectCatalogue {
     virtual std::size_t num_surface_triangles() const noexcept = 0;
     virtual void surface_triangles(std::span<std::int32_t> node) const noexcept = 0;  ///< 3 per triangle
 
+    /// Moves values of an effect to what they stand for: a place on the surface to the surface's nearest point.
+    virtual void settle_effect(std::size_t /*effect*/, std::span<double> /*values*/) const noexcept {}
+
     /// Simulates the recording under `h`. Empty outputs are not written. nodes: positions of all nodes,
     /// f * 3 N + 3 i + a. The trajectory is kept as the base of first_order().
     virtual TrajectoryReport simulate(const Hypothesis& h, std::span<double> markers_m, std::span<double> points_m,
                                       std::span<double> nodes_m) noexcept = 0;
 
     /// simulate() at a fraction of its cost where the recording allows it: only frames between which the change from
-    /// the last simulate() or rebase() does not follow from its first order are solved; between them the rest of the change is
-    /// interpolated in time.
+    /// the last simulate() or rebase() does not follow from its first order are solved; between them the rest of the
+    /// change is interpolated in time.
     virtual TrajectoryReport approximate(const Hypothesis& h, std::span<double> markers_m) noexcept {
         return simulate(h, markers_m, {}, {});
     }

@@ -12,7 +12,7 @@ constexpr double kSmallest = 1e-12;  // physical value of a logarithmic paramete
 }  // namespace
 
 FitSpace::FitSpace(const TrajectoryModel& mechanics, const EffectTable& effects, const Assumption& pattern)
-    : num_theta_(static_cast<Eigen::Index>(mechanics.num_parameters())) {
+    : mechanics_(mechanics), effects_(effects), num_theta_(static_cast<Eigen::Index>(mechanics.num_parameters())) {
     std::vector<double> mean, stdev;
     for (std::size_t i = 0; i < mechanics.num_parameters(); ++i) {
         const NominalParameter p = mechanics.parameter(i);
@@ -61,6 +61,8 @@ Assumption FitSpace::assumption(const Eigen::VectorXd& coordinates) const {
         const Eigen::Index end = k + 1 < first_.size() ? first_[k + 1] : size();
         ActiveEffect effect{entries_[k], {}};
         for (Eigen::Index row = first_[k]; row < end; ++row) effect.values.push_back(physical(row));
+        const EffectEntry& entry = effects_[effect.entry];
+        if (!entry.sensor) mechanics_.settle_effect(entry.index, effect.values);
         out.effects.push_back(std::move(effect));
     }
     return out;

@@ -24,7 +24,7 @@ class FitSpace {
     const Eigen::VectorXd& prior_mean() const { return mean_; }
     const Eigen::VectorXd& prior_stdev() const { return stdev_; }
     Eigen::VectorXd coordinates(const Assumption& assumption) const;
-    /// Clamped to the physical bounds.
+    /// Clamped to the physical bounds, places of surface effects moved onto the surface.
     Assumption assumption(const Eigen::VectorXd& coordinates) const;
     /// The base moved by one finite-difference step along each coordinate; `step` gets the signed steps taken.
     std::vector<Assumption> neighbours(const Eigen::VectorXd& at, Eigen::VectorXd& step) const;
@@ -40,6 +40,8 @@ class FitSpace {
     std::vector<Axis> axes_;
     std::vector<Eigen::Index> first_;
     std::vector<std::size_t> entries_;
+    const TrajectoryModel& mechanics_;
+    const EffectTable& effects_;
     Eigen::Index num_theta_ = 0;
     Eigen::VectorXd mean_, stdev_;
 };

@@ -40,11 +40,16 @@ Eigen::VectorXd zero_where_lost(const Eigen::VectorXd& v) {
     return v.array().isFinite().select(v, 0.0);
 }
 
-// dh/du of the trajectory about the simulator's base, which must be `at`.
-Eigen::MatrixXd derivative(Simulator& simulator, const FitSpace& space, const Assumption& at) {
+// dh/du of the trajectory about the simulator's base, which must be `at`; T: of the settled coordinates.
+Eigen::MatrixXd derivative(Simulator& simulator, const FitSpace& space, const Assumption& at, Eigen::MatrixXd& T) {
     Eigen::VectorXd step;
-    const auto others = space.neighbours(space.coordinates(at), step);
+    const Eigen::VectorXd from = space.coordinates(at);
+    const auto others = space.neighbours(from, step);
+    T.resize(space.size(), space.size());
+    for (Eigen::Index k = 0; k < space.size(); ++k)
+        T.col(k) = (space.coordinates(others[static_cast<std::size_t>(k)]) - from).cwiseQuotient(space.prior_stdev());
     const Eigen::VectorXd scale = space.prior_stdev().cwiseQuotient(step);
+    T *= scale.asDiagonal();
     return simulator.responses(others) * scale.asDiagonal();
 }
 
@@ -93,7 +98,7 @@ bool Fit::says_nothing_of(Eigen::Index coordinate) const {
 
 Eigen::VectorXd Fit::stdev(double tempering) const {
     const Eigen::MatrixXd information = Eigen::MatrixXd::Identity(J.cols(), J.cols()) + tempering * J.transpose() * J;
-    return information.inverse().diagonal().cwiseSqrt();
+    return (T * information.ldlt().solve(T.transpose())).diagonal().cwiseMax(0.0).cwiseSqrt();
 }
 
 Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::VectorXd& observed,
@@ -131,7 +136,7 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
     const auto misfit_and_ligaments = [&](const Fit& fit) {
         return fit.misfit + fit.u.head(static_cast<Eigen::Index>(start.theta.size())).squaredNorm();
     };
-    Eigen::MatrixXd H;  // dh/du of the trajectory
+    Eigen::MatrixXd H, T;  // dh/du of the trajectory, of the settled coordinates
     bool current = false;
     const Eigen::VectorXd moves = mechanical_coordinates(simulator, space, start);
     Eigen::VectorXd base_u = scaled(start);
@@ -144,7 +149,7 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
             base_u = fit.u;
             rebased = true;
         }
-        H = derivative(simulator, space, fit.at);
+        H = derivative(simulator, space, fit.at, T);
         current = true;
     };
 
@@ -182,16 +187,16 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
         }
         if (!current) linearise(best);
         best.J = whitener(weight.asDiagonal() * H);
-        // (J'J + I + damping) du = J'r - u
-        const Eigen::MatrixXd normal =
-            best.J.transpose() * best.J + Eigen::MatrixXd::Identity(best.J.cols(), best.J.cols());
-        Eigen::VectorXd gradient = best.J.transpose() * best.residual - best.u;
+        // (J'J + T'T + damping) du = J'r - T'u; what T leaves out leads nowhere and does not move.
+        const Eigen::MatrixXd nowhere = Eigen::MatrixXd::Identity(T.rows(), T.cols()) - T;
+        const Eigen::MatrixXd normal = best.J.transpose() * best.J + T.transpose() * T + nowhere.transpose() * nowhere;
+        Eigen::VectorXd gradient = best.J.transpose() * best.residual - T.transpose() * best.u;
         // An effect's coordinate of which the recording says nothing here stays: an instant between two frames would
         // be drawn to the middle of the recording.
         for (auto k = static_cast<Eigen::Index>(start.theta.size()); k < gradient.size(); ++k)
             if (best.says_nothing_of(k)) gradient(k) = 0.0;
         const auto promised = [&](const Eigen::VectorXd& du) {
-            return best.cost - (best.residual - best.J * du).squaredNorm() - (best.u + du).squaredNorm();
+            return best.cost - (best.residual - best.J * du).squaredNorm() - (best.u + T * du).squaredNorm();
         };
         if (promised(step_within_bounds(best, normal, gradient)) < options.tolerance * best.cost) break;
         Eigen::MatrixXd damped = normal;
@@ -230,6 +235,7 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
     }
     if (!current) linearise(best);
     best.J = whitener(weight.asDiagonal() * H);
+    best.T = T;
     return best;
 }
 
@@ -240,7 +246,7 @@ void complete(Simulator& simulator, const Whitener& whitener, const Eigen::Vecto
     fit.residual = whitener(zero_where_lost(observed - fit.trajectory));
     fit.misfit = fit.residual.squaredNorm();
     fit.cost = fit.misfit + fit.u.squaredNorm();
-    fit.J = whitener(derivative(simulator, space, fit.at));
+    fit.J = whitener(derivative(simulator, space, fit.at, fit.T));
 }
 
 }  // namespace teres

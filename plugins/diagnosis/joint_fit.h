@@ -2,7 +2,8 @@
 //
 //     minimise  |W (y - h(u))|^2 + |u|^2,     u = (coordinates - prior mean) / prior standard deviation
 //
-// by Levenberg-Marquardt with the first-order responses of the simulator as Jacobian. W: Whitener.
+// by Levenberg-Marquardt with the first-order responses of the simulator as Jacobian. W: Whitener. What a step asks for
+// is settled (FitSpace::assumption): a place on the surface stays there, and only moves T du along it count.
 #pragma once
 
 #include <Eigen/Dense>
@@ -22,7 +23,7 @@ struct FitOptions {
     bool growing = false;        ///< the beginning of the recording first: a phase must not be off by half a period
     double out_of_reach = std::numeric_limits<double>::infinity();  ///< misfit at which a fit is of no use: it is given
                                                                     ///< up where its last steps do not lead below
-    const WorkLimit* limit = nullptr;  ///< once reached, a few iterations have to do
+    const WorkLimit* limit = nullptr;                               ///< once reached, a few iterations have to do
     bool robust = false;  ///< markers far off the rest lose weight (Huber), so that a slipped one does not bend the fit
 };
 
@@ -32,6 +33,7 @@ struct Fit {
     Eigen::VectorXd trajectory;  ///< h(u), full
     Eigen::VectorXd residual;    ///< W (y - h)
     Eigen::MatrixXd J;           ///< W dh/du
+    Eigen::MatrixXd T;           ///< how far the settled coordinates follow: 1, along a surface its projector
     double cost = 0.0;           ///< |residual|^2 + |u|^2 over nominal parameters + |u|^2 over effect parameters
     double misfit = 0.0;         ///< |residual|^2
     double later = 0.0;          ///< what it leaves beyond the fitted frames (Outlook), 0: nothing is known of them

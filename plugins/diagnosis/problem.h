@@ -39,7 +39,7 @@ struct Problem {
     ErrorFloor floor{};
     Outlook* outlook = nullptr;  ///< null: nothing beyond the fitted frames
     const WorkLimit* limit = nullptr;
-    Problem* beside = nullptr;   ///< the same with a simulator of its own, for a second thread; null: there is none
+    Problem* beside = nullptr;  ///< the same with a simulator of its own, for a second thread; null: there is none
 
     double out_of_reach = std::numeric_limits<double>::infinity();  ///< FitOptions, of every fit
     double worst_start = std::numeric_limits<double>::infinity();   ///< misfit: a refit that begins beyond is not made
@@ -78,6 +78,23 @@ class Sharing {
   private:
     TrajectoryModel& model_;
     bool on_;
+};
+
+/// While it lives, fits of this problem are given up that would leave a misfit beyond this one, or begin beyond
+/// `start`.
+class GivenUpBeyond {
+  public:
+    GivenUpBeyond(Problem& problem, double misfit, double start = std::numeric_limits<double>::infinity())
+        : problem_(problem) {
+        problem.out_of_reach = misfit;
+        problem.worst_start = start;
+    }
+    ~GivenUpBeyond() { problem_.out_of_reach = problem_.worst_start = std::numeric_limits<double>::infinity(); }
+    GivenUpBeyond(const GivenUpBeyond&) = delete;
+    GivenUpBeyond& operator=(const GivenUpBeyond&) = delete;
+
+  private:
+    Problem& problem_;
 };
 
 /// share_work() of a problem and the one beside it.

@@ -11,6 +11,7 @@ using Eigen::Vector3d;
 Scene::Scene(const Case& c, CaseModel& model, const TetherRanges& ranges, double layer)
     : data(c),
       mesh(model.mesh()),
+      surface(c.mesh),
       tethers(ranges),
       clamp_layer_m(layer),
       dynamic(model.scheme() != TimeScheme::kQuasiStatic),

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/case/case.h"
+#include "core/case/surface.h"
 #include "plugins/simulation/case_model.h"
 #include "plugins/simulation/obstacles.h"
 #include "plugins/simulation/viscous_memory.h"
@@ -27,6 +28,7 @@ class Scene {
     // What a case is, for effects to look at.
     const Case& data;
     const TetMesh& mesh;
+    Surface surface;
     TetherRanges tethers;
     double clamp_layer_m;
     bool dynamic;

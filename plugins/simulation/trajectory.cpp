@@ -63,6 +63,14 @@ void Trajectory::effect_candidate(std::size_t effect, std::size_t candidate, std
     std::copy(from.begin(), from.end(), values.begin());
 }
 
+void Trajectory::settle_effect(std::size_t effect, std::span<double> values) const noexcept {
+    const auto centre = effects_[effect]->description().surface_centre;
+    if (!centre) return;
+    const auto at = values.subspan(*centre, 3);
+    const Point on = player_->scene().surface.closest({at[0], at[1], at[2]}).position_m;
+    std::copy(on.begin(), on.end(), at.begin());
+}
+
 NominalParameter Trajectory::parameter(std::size_t index) const noexcept {
     const ForwardParameter p = player_->model().parameter(index);
     return {p.name, p.unit, std::log(p.prior_median), p.prior_log_stdev, p.lower, p.upper};

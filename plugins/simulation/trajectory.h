@@ -32,6 +32,8 @@ class Trajectory final : public TrajectoryModel {
     }
     void effect_candidate(std::size_t effect, std::size_t candidate, std::span<double> values) const noexcept override;
 
+    void settle_effect(std::size_t effect, std::span<double> values) const noexcept override;
+
     std::size_t num_parameters() const noexcept override { return player_->model().num_parameters(); }
     NominalParameter parameter(std::size_t index) const noexcept override;
     std::size_t num_frames() const noexcept override { return player_->times().size(); }

@@ -46,7 +46,7 @@ class ToyBody final : public TrajectoryModel {
                         "another tool",
                         "test",
                         nullptr,
-                        gives_way() || sudden ? 7U : 6U,
+                        gives_way() || sudden ? 7 : 6,
                         36,
                         true};
             case kMaterialLaw:

@@ -31,7 +31,7 @@ class Cardiac final : public Effect {
         for (const char* name : {"cos_x", "cos_y", "cos_z", "sin_x", "sin_y", "sin_z"})
             d_.parameters.push_back(
                 amplitude(name, "N", EffectTransform::kIdentity, 0.0, pushed_n, -kMost * pushed_n, kMost * pushed_n));
-        add_centre(d_.parameters, scene);
+        add_surface_centre(d_, scene);
         d_.parameters.push_back(log_shape("radius", "m", radius, 0.4, 0.02 * scene.size_m, 0.5 * scene.size_m));
         d_.parameters.push_back(log_shape("frequency", "Hz", 1.2, 0.25, 0.5, 3.0));
         for (const char* name : {"harmonic_cos", "harmonic_sin"})

@@ -16,7 +16,7 @@ class Contact final : public Effect {
         d_.summary = "something that the surface runs into";
         d_.source = "gap 0-1.5 mm assumed";
         d_.parameters = {amplitude("stiffness", "N/m3", EffectTransform::kIdentity, 0.0, 2e6, 0.0, 2e8)};
-        add_centre(d_.parameters, scene);
+        add_surface_centre(d_, scene);
         d_.parameters.push_back(shape("gap", "m", 0.0, 0.002, -0.01, 0.03));
         d_.parameters.push_back(
             log_shape("radius", "m", 0.3 * scene.size_m, 1.0, 0.02 * scene.size_m, 20.0 * scene.size_m));
@@ -26,20 +26,16 @@ class Contact final : public Effect {
         if (d_.candidates.empty()) d_.not_applicable = "the whole surface is attached";
     }
     void apply(std::span<const double> v, Scene& scene) const override {
-        const Eigen::Vector3d place(v[1], v[2], v[3]);
-        Eigen::Index nearest = -1;
         const auto& mesh = scene.mesh;
-        for (std::size_t i = 0; i < mesh.num_nodes(); ++i)
-            if (const auto k = static_cast<Eigen::Index>(i);
-                mesh.node_area[i] > 0.0 &&
-                (nearest < 0 || (mesh.X.col(k) - place).squaredNorm() < (mesh.X.col(nearest) - place).squaredNorm()))
-                nearest = k;
-        const Eigen::Vector3d normal = mesh.node_normal.col(nearest);
-        // the foot of the place on the tangent plane: the obstacle moves smoothly with the parameters
-        const Eigen::Vector3d foot = place - normal.dot(place - mesh.X.col(nearest)) * normal;
+        // Position and normal change continuously with the place: so does the obstacle.
+        const SurfacePoint place = scene.surface.closest({v[1], v[2], v[3]});
+        const auto& triangle = scene.surface.triangles()[static_cast<std::size_t>(place.triangle)];
+        Eigen::Vector3d normal = Eigen::Vector3d::Zero();
+        for (std::size_t k = 0; k < 3; ++k) normal += place.barycentric[k] * mesh.node_normal.col(triangle[k]);
+        normal.normalize();
         Obstacle o;
         o.radius_m = v[5];
-        o.centre = foot + (v[4] + v[5]) * normal;
+        o.centre = Eigen::Map<const Eigen::Vector3d>(place.position_m.data()) + (v[4] + v[5]) * normal;
         o.stiffness_n_per_m3 = v[0];
         for (std::size_t i = 0; i < mesh.num_nodes(); ++i)
             if (mesh.node_area[i] > 0.0) {

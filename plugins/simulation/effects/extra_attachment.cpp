@@ -17,7 +17,7 @@ class ExtraAttachment final : public Effect {
         d_.summary = "an adhesion or a ligament that the model does not know";
         d_.source = "assumed: 0.25-1.2 N/mm in all; band of 20 mm height and 80 kPa: 4e6 N/m3";
         d_.parameters = {amplitude("stiffness", "N/m3", EffectTransform::kIdentity, 0.0, 2e6, 0.0, 2e8)};
-        add_centre(d_.parameters, scene);
+        add_surface_centre(d_, scene);
         const double typical = 0.07 * scene.size_m;
         d_.parameters.push_back(log_shape("radius", "m", typical, 0.5, 0.01 * scene.size_m, 0.4 * scene.size_m));
         for (const auto& p : surface_places(scene, 100, true))

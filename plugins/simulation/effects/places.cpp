@@ -1,13 +1,8 @@
 #include "plugins/simulation/effects/places.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <limits>
 #include <set>
-
-#include "core/case/surface.h"
-#include "core/check.h"
 
 namespace teres {
 
@@ -106,27 +101,15 @@ Patch surface_patch(const Scene& scene, const Vector3d& centre, double radius_m)
     if (!patch.node.empty()) return patch;
     // A patch smaller than the mesh, or a place inside: the point of the surface next to it, shared by its triangle's
     // nodes, so that what moves the place is seen.
-    const auto point = [](const Vector3d& p) { return Point{p.x(), p.y(), p.z()}; };
-    double best = std::numeric_limits<double>::infinity(), area = 0.0;
-    std::array<double, 3> share{};
-    const std::array<NodeIndex, 3>* triangle = nullptr;
-    for (const auto& t : scene.mesh.surface) {
-        const Vector3d a = scene.mesh.X.col(t[0]), b = scene.mesh.X.col(t[1]), c = scene.mesh.X.col(t[2]);
-        const auto w = closest_barycentric(point(centre), point(a), point(b), point(c));
-        const double distance = (w[0] * a + w[1] * b + w[2] * c - centre).squaredNorm();
-        if (distance < best) {
-            best = distance;
-            share = w;
-            triangle = &t;
-        }
-    }
-    TERES_CHECK(triangle != nullptr);
+    const SurfacePoint next = scene.surface.closest({centre.x(), centre.y(), centre.z()});
+    const auto& triangle = scene.surface.triangles()[static_cast<std::size_t>(next.triangle)];
+    double area = 0.0;
     for (std::size_t k = 0; k < 3; ++k)
-        area += share[k] * scene.mesh.node_area[static_cast<std::size_t>((*triangle)[k])];
+        area += next.barycentric[k] * scene.mesh.node_area[static_cast<std::size_t>(triangle[k])];
     for (std::size_t k = 0; k < 3; ++k) {
-        if (share[k] <= 0.0) continue;
-        patch.node.push_back((*triangle)[k]);
-        patch.area_m2.push_back(share[k] * area);
+        if (next.barycentric[k] <= 0.0) continue;
+        patch.node.push_back(triangle[k]);
+        patch.area_m2.push_back(next.barycentric[k] * area);
         patch.total_m2 += patch.area_m2.back();
     }
     return patch;
@@ -152,6 +135,11 @@ void add_centre(std::vector<EffectParameter>& parameters, const Scene& scene) {
                      margin = 0.05 * (high - low);
         parameters.push_back(shape(kName[a], "m", scene.centre(a), 0.29 * (high - low), low - margin, high + margin));
     }
+}
+
+void add_surface_centre(EffectDescription& description, const Scene& scene) {
+    description.surface_centre = description.parameters.size();
+    add_centre(description.parameters, scene);
 }
 
 }  // namespace teres

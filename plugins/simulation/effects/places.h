@@ -43,5 +43,7 @@ std::vector<double> onset_grid(const Scene& scene, int count);
 
 /// The three shape parameters center_x, center_y, center_z of a place on or in the body.
 void add_centre(std::vector<EffectParameter>& parameters, const Scene& scene);
+/// Of a place on the surface.
+void add_surface_centre(EffectDescription& description, const Scene& scene);
 
 }  // namespace teres

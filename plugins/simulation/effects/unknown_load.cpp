@@ -1,7 +1,9 @@
 // unknown_load: something else pulls or pushes on a patch of the surface for a while, steadily or
 // periodically.
 //
-//     F(t) = F w(t) (steady) or F w(t) sin^2(pi f (t - onset));   w rises at onset, falls at end
+//     F(t) = F w(t) (steady, f below a quarter of a period) or F w(t) sin^2(pi f (t - onset));
+//
+// w rises at onset, falls at end.
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -11,6 +13,8 @@
 
 namespace teres {
 namespace {
+
+constexpr double kLeastPeriods = 0.25, kLeastHz = 0.01;
 
 class UnknownLoad final : public Effect {
   public:
@@ -23,7 +27,7 @@ class UnknownLoad final : public Effect {
         d_.event = true;
         for (const char* name : {"force_x", "force_y", "force_z"})
             d_.parameters.push_back(amplitude(name, "N", EffectTransform::kIdentity, 0.0, 0.3, -5.0, 5.0));
-        add_centre(d_.parameters, scene);
+        add_surface_centre(d_, scene);
         const double t0 = scene.start_s, t1 = scene.end_s, duration = std::max(t1 - t0, 1e-3),
                      radius = 0.05 * scene.size_m;
         d_.parameters.push_back(log_shape("radius", "m", radius, 0.4, 0.01 * scene.size_m, 0.3 * scene.size_m));
@@ -31,6 +35,7 @@ class UnknownLoad final : public Effect {
         d_.parameters.push_back(shape("end", "s", t1, duration, t0, t1 + 2.0 * duration));
         d_.parameters.push_back(log_shape("rise", "s", 0.05 * duration, 0.8, 1e-4 * duration, duration));
         d_.parameters.push_back(shape("frequency", "Hz", 0.0, 0.3, 0.0, 3.0));
+        least_hz_ = std::max(kLeastPeriods / duration, kLeastHz);
         const double f = one_sigma(d_.parameters[0]), never = t1 + duration, rise = 0.05 * duration;
         for (const auto& p : surface_places(scene, 60, false)) {
             const auto add = [&](double onset, double end, double frequency) {
@@ -47,7 +52,7 @@ class UnknownLoad final : public Effect {
     }
     void apply(std::span<const double> v, Scene& scene) const override {
         double w = ramp(scene.t_s, v[7], v[9]) * (1.0 - ramp(scene.t_s, v[8], v[9]));
-        if (v[10] > 0.0) {
+        if (v[10] >= least_hz_) {
             const double s = std::sin(std::numbers::pi * v[10] * (scene.t_s - v[7]));
             w *= s * s;
         }
@@ -57,6 +62,10 @@ class UnknownLoad final : public Effect {
             scene.force_n.col(patch.node[k]) +=
                 w * patch.area_m2[k] / patch.total_m2 * Eigen::Vector3d(v[0], v[1], v[2]);
     }
+
+  private:
+    // Slower is steady: between F and F sin^2(0) no derivative leads, and a fit that takes one stops where it is.
+    double least_hz_ = 0.0;
 };
 
 }  // namespace

@@ -56,8 +56,11 @@ class SearchFurtherWithInertia : public ::testing::Test {
         Screening screening;
         EXPECT_TRUE(search_further(*problem_, nominal_, screening, causes));
         std::vector<std::size_t> entries = causes.front().entries;
-        for (std::size_t k = 0; k < entries.size(); ++k)
-            if (entries[k] == modulus_) EXPECT_NEAR(causes.front().fit.at.effects[k].values[0], 0.6, 0.03);
+        for (std::size_t k = 0; k < entries.size(); ++k) {
+            if (entries[k] == modulus_) {
+                EXPECT_NEAR(causes.front().fit.at.effects[k].values[0], 0.6, 0.03);
+            }
+        }
         std::sort(entries.begin(), entries.end());
         return entries;
     }

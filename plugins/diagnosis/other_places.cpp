@@ -1,0 +1,111 @@
+#include "plugins/diagnosis/other_places.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "plugins/diagnosis/strong_start.h"
+
+namespace teres {
+namespace {
+
+constexpr int kIterations = 6;
+constexpr std::size_t kPlaces = 3;  // of the screening
+constexpr double kNearby = 1.5;  // of the best answer's misfit: a fit from another place that stays beyond is given up
+constexpr double kOtherCourse = 0.3;  // prior standard deviations of an instant or a frequency
+constexpr double kLineStep = 0.25;    // of `apart_m`, along a line of action
+
+std::optional<Eigen::Vector3d> force_of(const EffectEntry& entry, const ActiveEffect& effect) {
+    const double *x = value_of(entry, effect, "force_x"), *y = value_of(entry, effect, "force_y"),
+                 *z = value_of(entry, effect, "force_z");
+    if (x == nullptr || y == nullptr || z == nullptr) return std::nullopt;
+    return Eigen::Vector3d(*x, *y, *z);
+}
+
+ActiveEffect acting_at(const Simulator& simulator, ActiveEffect effect, const Eigen::Vector3d& centre_m) {
+    const EffectEntry& entry = simulator.effects()[effect.entry];
+    constexpr const char* kName[3] = {"center_x", "center_y", "center_z"};
+    for (std::size_t p = 0; p < entry.parameters.size(); ++p)
+        for (Eigen::Index a = 0; a < 3; ++a)
+            if (std::string_view(entry.parameters[p].name) == kName[a]) effect.values[p] = centre_m(a);
+    simulator.mechanics().settle_effect(entry.index, effect.values);
+    return effect;
+}
+
+// The best place at which the effect has another course in time than at the best of all; null: there is none.
+const PlaceGain* of_another_course(const EffectEntry& entry, const EffectScreening& screened) {
+    const auto same = [&](const ActiveEffect& a) {
+        for (std::size_t p = 0; p < entry.parameters.size(); ++p) {
+            const EffectParameter& parameter = entry.parameters[p];
+            const std::string_view unit = parameter.unit;
+            if (parameter.role == EffectRole::kShape && parameter.transform == EffectTransform::kIdentity &&
+                (unit == "s" || unit == "Hz") &&
+                std::abs(a.values[p] - screened.start.values[p]) > kOtherCourse * parameter.prior_stdev)
+                return false;
+        }
+        return true;
+    };
+    const PlaceGain* best = nullptr;
+    for (const PlaceGain& place : screened.places)
+        if (!same(place.start) && (best == nullptr || place.score > best->score)) best = &place;
+    return best;
+}
+
+}  // namespace
+
+std::vector<ActiveEffect> along_line_of_action(const Simulator& simulator, const ActiveEffect& effect, double apart_m) {
+    const EffectEntry& entry = simulator.effects()[effect.entry];
+    const auto force = force_of(entry, effect), from = centre_of(entry, effect);
+    if (entry.sensor || !force || !from || !(force->norm() > 0.0) || !(apart_m > 0.0)) return {};
+    double reach = 0.0;
+    for (const EffectParameter& p : entry.parameters)
+        if (std::string_view(p.unit) == "m") reach = std::max(reach, p.upper - p.lower);
+    const double step = kLineStep * apart_m;
+    const int steps = static_cast<int>(std::ceil(reach / step));
+    std::vector<ActiveEffect> met;
+    std::vector<double> distance;  // from the line's points to the surface
+    for (int k = -steps; k <= steps; ++k) {
+        const Eigen::Vector3d point = *from + k * step * force->normalized();
+        met.push_back(acting_at(simulator, effect, point));
+        distance.push_back((*centre_of(entry, met.back()) - point).norm());
+    }
+    std::vector<ActiveEffect> crossings;
+    for (std::size_t k = 1; k + 1 < met.size(); ++k) {
+        const bool crosses = distance[k] < step && distance[k] < distance[k - 1] && distance[k] <= distance[k + 1];
+        if (crosses && (*centre_of(entry, met[k]) - *from).norm() >= apart_m) crossings.push_back(met[k]);
+    }
+    return crossings;
+}
+
+void try_other_places(Problem& problem, const Fit& nominal, const Base* base, const Screening& screening,
+                      Cause& cause) {
+    const auto screened = std::find_if(screening.effects.begin(), screening.effects.end(),
+                                       [&](const auto& e) { return e.entry == cause.entries.back(); });
+    if (!cause.fit.usable || screened == screening.effects.end() || screened->places.empty()) return;
+    const EffectEntry& entry = problem.simulator.effects()[screened->entry];
+    const ActiveEffect fitted = cause.fit.at.effects.back();
+    const double apart = apart_m(screened->places);
+    const auto found = centre_of(entry, fitted), begun = centre_of(entry, screened->start);
+    std::vector<EffectScreening> places;
+    const auto add = [&](ActiveEffect start) {
+        places.push_back(*screened);
+        places.back().start = std::move(start);
+    };
+    for (const PlaceGain& place : best_places(screened->places, kPlaces))
+        if ((place.centre_m - *found).norm() >= apart && place.centre_m != *begun)
+            add(with_instant_of(entry, place.start, fitted));
+    if (const PlaceGain* other = of_another_course(entry, *screened)) add(other->start);
+    for (ActiveEffect& elsewhere : along_line_of_action(problem.simulator, fitted, apart)) add(std::move(elsewhere));
+    std::vector<Cause> others(places.size());
+    const double nearby =
+        problem.outlook != nullptr ? std::numeric_limits<double>::infinity() : kNearby * cause.fit.misfit;
+    side_by_side(problem, places.size(), [&](Problem& p, std::size_t k) {
+        const GivenUpBeyond bound(p, nearby, nominal.misfit);
+        others[k] = refit(p, nominal, base != nullptr ? &base->known : nullptr, places[k], kIterations);
+    });
+    for (Cause& other : others)
+        if (other.fit.usable && other.fit.cost < cause.fit.cost) cause = std::move(other);
+    score(problem, nominal, base, cause);
+}
+
+}  // namespace teres

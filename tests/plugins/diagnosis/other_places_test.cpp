@@ -1,0 +1,131 @@
+// Places on the surface: a fit keeps its place there, and a force has a second one at the other end of its line of
+// action. On a block whose faces are known.
+#include "plugins/diagnosis/other_places.h"
+
+#include <gtest/gtest.h>
+
+#include <memory>
+#include <numeric>
+
+#include "plugins/simulation/trajectory.h"
+#include "tests/support/synthetic_case.h"
+
+namespace teres {
+namespace {
+
+constexpr Point kSize{0.10, 0.04, 0.04};
+
+Case block() {
+    Case c = test::clamped_block({.size_m = kSize,
+                                  .cells = {8, 3, 3},
+                                  .law = BodyLaw::kNeoHookean,
+                                  .youngs_modulus_pa = 15e3,
+                                  .poissons_ratio = 0.45,
+                                  .frames = 4,
+                                  .dt_s = 0.2,
+                                  .quasi_static = true,
+                                  .full_force_n = {0.0, 0.0, 0.0}});
+    return c;
+}
+
+struct Body {
+    std::unique_ptr<Trajectory> mechanics = *Trajectory::make(block(), {});
+    EffectTable effects{*mechanics, nullptr, {}};
+    Simulator simulator{*mechanics, nullptr, effects};
+
+    // A steady pull from before the first frame on.
+    ActiveEffect pull(const Eigen::Vector3d& force_n, const Eigen::Vector3d& centre_m) const {
+        const std::size_t entry = effects.find("unknown_load");
+        ActiveEffect effect = effects.candidate(entry, 0);
+        const auto set = [&](std::string_view name, double value) {
+            for (std::size_t p = 0; p < effects[entry].parameters.size(); ++p)
+                if (name == effects[entry].parameters[p].name) effect.values[p] = value;
+        };
+        const char* axes[] = {"x", "y", "z"};
+        for (Eigen::Index a = 0; a < 3; ++a) {
+            set(std::string("force_") + axes[a], force_n(a));
+            set(std::string("center_") + axes[a], centre_m(a));
+        }
+        set("radius", 0.01);
+        return effect;
+    }
+    Whitener white(double sigma_m) const {
+        std::vector<Eigen::Index> rows(simulator.num_rows());
+        std::iota(rows.begin(), rows.end(), Eigen::Index{0});
+        const auto size = static_cast<Eigen::Index>(rows.size());
+        return tempered_whitener(rows, Eigen::VectorXd::Constant(size, sigma_m), Eigen::MatrixXd(size, 0), {});
+    }
+};
+
+TEST(OtherPlaces, APlaceOnTheSurfaceIsSettledThere) {
+    const Body body;
+    ActiveEffect load = body.pull({0.0, 0.0, 0.1}, {0.06, 0.02, 0.033});
+    body.mechanics->settle_effect(body.effects[load.entry].index, load.values);
+    EXPECT_LT((*centre_of(body.effects[load.entry], load) - Eigen::Vector3d(0.06, 0.02, 0.04)).norm(), 1e-12);
+
+    ActiveEffect inside = body.effects.candidate(body.effects.find("inclusion"), 0);
+    const ActiveEffect before = inside;
+    body.mechanics->settle_effect(body.effects[inside.entry].index, inside.values);
+    EXPECT_EQ(inside, before);
+}
+
+// From (0.06, 0.02, 0.04) along (0.3, 0, 1) through a block 40 mm high: out again at (0.048, 0.02, 0).
+TEST(OtherPlaces, ALineOfActionLeavesTheBodyOnTheOtherSide) {
+    const Body body;
+    const ActiveEffect load = body.pull({0.03, 0.0, 0.1}, {0.06, 0.02, 0.04});
+    const auto crossings = along_line_of_action(body.simulator, load, 0.02);
+    ASSERT_EQ(crossings.size(), 1u);
+    const EffectEntry& entry = body.effects[load.entry];
+    EXPECT_LT((*centre_of(entry, crossings[0]) - Eigen::Vector3d(0.048, 0.02, 0.0)).norm(), 3e-3) << "half a step";
+    EXPECT_EQ(*value_of(entry, crossings[0], "force_z"), 0.1);
+
+    EXPECT_TRUE(along_line_of_action(body.simulator, load, 0.05).empty()) << "too near";
+    EXPECT_TRUE(along_line_of_action(body.simulator, body.pull({0.0, 0.0, 0.0}, {0.06, 0.02, 0.04}), 0.02).empty());
+    const ActiveEffect weight = body.effects.candidate(body.effects.find("gravity"), 0);
+    EXPECT_TRUE(along_line_of_action(body.simulator, weight, 0.02).empty()) << "a weight has no place";
+}
+
+// Data of a pull on the upper face; the fit begins 18 mm beside it and below the face.
+TEST(OtherPlaces, AFitMovesItsPlaceAlongTheSurface) {
+    Body body;
+    const std::vector<double> theta = prior_median(*body.mechanics).theta;
+    const Assumption truth{theta, {body.pull({0.05, 0.02, 0.2}, {0.07, 0.02, 0.04})}};
+    Eigen::VectorXd observed;
+    ASSERT_TRUE(body.simulator.simulate(truth, observed));
+    const Assumption start{theta, {body.pull({0.0, 0.0, 0.1}, {0.055, 0.012, 0.035})}};
+    const Fit fit =
+        fit_jointly(body.simulator, body.white(1e-5), observed, start, {.max_iterations = 30, .tolerance = 1e-4});
+    ASSERT_TRUE(fit.usable);
+    const ActiveEffect& load = fit.at.effects[0];
+    const EffectEntry& entry = body.effects[load.entry];
+    const Eigen::Vector3d centre = *centre_of(entry, load);
+    EXPECT_NEAR(centre.z(), 0.04, 1e-12);
+    EXPECT_LT((centre - Eigen::Vector3d(0.07, 0.02, 0.04)).norm(), 1e-3);
+    EXPECT_NEAR(*value_of(entry, load, "force_z"), 0.2, 0.01);
+
+    // It is sure not to leave the face, and not of where on it.
+    const FitSpace space(*body.mechanics, body.effects, fit.at);
+    const Eigen::VectorXd stdev = fit.stdev(1.0).cwiseProduct(space.prior_stdev());
+    Eigen::Index x = 0;
+    while (std::string_view(entry.parameters[static_cast<std::size_t>(x)].name) != "center_x") ++x;
+    const Eigen::Index at = space.coordinate(0, static_cast<std::size_t>(x));
+    EXPECT_GT(stdev(at), 1e-6);
+    EXPECT_GT(stdev(at + 1), 1e-6);
+    EXPECT_LT(stdev(at + 2), 1e-9);
+    EXPECT_EQ(fit.T(at + 2, at + 2), 0.0);
+    EXPECT_NEAR(fit.T(at, at), 1.0, 1e-9);
+}
+
+// Between steady and one slow period no derivative leads: a steady load says nothing of its frequency.
+TEST(OtherPlaces, ASteadyLoadSaysNothingOfItsFrequency) {
+    Body body;
+    const Assumption steady{prior_median(*body.mechanics).theta, {body.pull({0.05, 0.02, 0.2}, {0.07, 0.02, 0.04})}};
+    Eigen::VectorXd observed;
+    ASSERT_TRUE(body.simulator.simulate(steady, observed));
+    const Fit fit = fit_jointly(body.simulator, body.white(1e-4), observed, steady, {});
+    ASSERT_TRUE(fit.usable);
+    EXPECT_TRUE(fit.says_nothing_of(fit.J.cols() - 1));
+}
+
+}  // namespace
+}  // namespace teres
