@@ -235,6 +235,11 @@ std::string verdict_text(const std::string& gap_json) {
         text += format(" It lies near x %.0f", 1e3 * c[0]) + format(", y %.0f", 1e3 * c[1]) +
                 format(", z %.0f mm", 1e3 * c[2]) +
                 (where["onset_s"].is_number() ? format(", from %.1f s on.", value(where["onset_s"])) : ".");
+        for (const Json& other : where.value("other_places", Json::array())) {
+            const auto o = other["center_m"].get<std::vector<double>>();
+            text += format(" It may as well be near x %.0f", 1e3 * o[0]) + format(", y %.0f", 1e3 * o[1]) +
+                    format(", z %.0f mm", 1e3 * o[2]) + format(" (odds %.1f).", value(other["odds"]));
+        }
     } else if (where["onset_s"].is_number()) {
         text += format(" It begins at %.1f s.", value(where["onset_s"]));
     }

@@ -36,6 +36,7 @@ struct Where {
     std::string kind = "none";  ///< mechanics, boundary, load, sensor, none
     std::optional<std::array<double, 3>> center_m;
     double radius_m = 0.0;
+    std::vector<OtherPlace> other_places;  ///< of a single cause
     std::optional<double> onset_s;
     std::vector<double> marker_share;  ///< of the nominal gap's square, per marker
 };

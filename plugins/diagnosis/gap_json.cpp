@@ -156,10 +156,14 @@ Json to_json(const Diagnosis& d, const EffectTable& effects, const TrajectoryMod
     Json markers = Json::array();
     for (std::size_t m = 0; m < d.where.marker_share.size(); ++m)
         markers.push_back({{"marker_id", model.marker_id(m)}, {"share", d.where.marker_share[m]}});
+    Json others = Json::array();
+    for (const OtherPlace& place : d.where.other_places)
+        others.push_back({{"center_m", place.center_m}, {"odds", number(place.odds)}});
     json["where"] = {{"kind", d.where.kind},
                      {"center_m", d.where.center_m ? Json(*d.where.center_m) : Json(nullptr)},
                      {"radius_m", d.where.center_m ? number(d.where.radius_m) : Json(nullptr)},
                      {"onset_s", d.where.onset_s ? number(*d.where.onset_s) : Json(nullptr)},
+                     {"other_places", std::move(others)},
                      {"markers", std::move(markers)}};
     double unknown = d.verdict.unknown_probability;
     json["causes"] = Json::array();

@@ -98,6 +98,7 @@ Where locate(Simulator& simulator, const Whitener& whitener, const Recording& re
             if (where.radius_m == 0.0 && radius != nullptr) where.radius_m = *radius;
             if (!where.onset_s && onset != nullptr) where.onset_s = *onset;
         }
+        if (named->entries.size() == 1) where.other_places = named->other_places;
         return where;
     }
     where.kind = "mechanics";

@@ -12,6 +12,7 @@ namespace {
 constexpr int kIterations = 6;
 constexpr std::size_t kPlaces = 3;  // of the screening
 constexpr double kNearby = 1.5;  // of the best answer's misfit: a fit from another place that stays beyond is given up
+constexpr double kLeastOdds = 0.2;    // of another place worth telling
 constexpr double kOtherCourse = 0.3;  // prior standard deviations of an instant or a frequency
 constexpr double kLineStep = 0.25;    // of `apart_m`, along a line of action
 
@@ -49,6 +50,24 @@ const PlaceGain* of_another_course(const EffectEntry& entry, const EffectScreeni
     for (const PlaceGain& place : screened.places)
         if (!same(place.start) && (best == nullptr || place.score > best->score)) best = &place;
     return best;
+}
+
+// Where what fits nearly as well has its last effect, each apart from the best and from one another.
+std::vector<OtherPlace> as_likely(const EffectEntry& entry, const Cause& best, const std::vector<Cause>& others,
+                                  double apart_m, double temperature) {
+    std::vector<Eigen::Vector3d> taken{*centre_of(entry, best.fit.at.effects.back())};
+    std::vector<OtherPlace> places;
+    for (const Cause& other : others) {
+        const Eigen::Vector3d centre = *centre_of(entry, other.fit.at.effects.back());
+        const double odds = std::exp(std::min(0.0, (other.score - best.score) / temperature));
+        if (odds < kLeastOdds || std::any_of(taken.begin(), taken.end(), [&](const Eigen::Vector3d& other_centre) {
+                return (other_centre - centre).norm() < apart_m;
+            }))
+            continue;
+        taken.push_back(centre);
+        places.push_back({{centre.x(), centre.y(), centre.z()}, odds});
+    }
+    return places;
 }
 
 }  // namespace
@@ -103,9 +122,14 @@ void try_other_places(Problem& problem, const Fit& nominal, const Base* base, co
         const GivenUpBeyond bound(p, nearby, nominal.misfit);
         others[k] = refit(p, nominal, base != nullptr ? &base->known : nullptr, places[k], kIterations);
     });
-    for (Cause& other : others)
-        if (other.fit.usable && other.fit.cost < cause.fit.cost) cause = std::move(other);
-    score(problem, nominal, base, cause);
+    others.push_back(std::move(cause));
+    std::erase_if(others, [](const Cause& c) { return !c.fit.usable; });
+    for (Cause& other : others) score(problem, nominal, base, other);
+    std::stable_sort(others.begin(), others.end(),
+                     [](const Cause& a, const Cause& b) { return a.fit.cost < b.fit.cost; });
+    cause = std::move(others.front());
+    others.erase(others.begin());
+    cause.other_places = as_likely(entry, cause, others, apart, problem.options.calibration.temperature);
 }
 
 }  // namespace teres

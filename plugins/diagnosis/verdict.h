@@ -17,6 +17,7 @@
 // above: cost beyond the stated noise (error_floor.h).
 #pragma once
 
+#include <array>
 #include <optional>
 #include <string>
 #include <vector>
@@ -38,6 +39,12 @@ struct Price {
 };
 
 /// A set of effects that was fitted (or only screened).
+/// Where the last effect of a cause may be as well.
+struct OtherPlace {
+    std::array<double, 3> center_m;
+    double odds = 0.0;  ///< its probability over that of the cause's own place
+};
+
 struct Cause {
     std::vector<std::size_t> entries;
     Fit fit;                   ///< of the refit; not usable if only screened
@@ -52,6 +59,7 @@ struct Cause {
     double score = 0.0;
     double probability = 0.0;
     double explained = 0.0;  ///< share of the cost above the floor that it takes away
+    std::vector<OtherPlace> other_places{};  ///< most likely first
 };
 
 struct Verdict {
