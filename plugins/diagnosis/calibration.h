@@ -37,7 +37,8 @@ struct Calibration {
     /// Share of what mechanical causes explain that remains because their real form is not quite the catalogue's: a
     /// further effect must explain more than that (besides form_columns.h), unless it is a sensor's.
     double form_error = 0.05;
-    /// ... of supports at a place of their own: where they begin to hold differs from point to point.
+    /// ... of supports at a place of their own: where they begin to hold differs from point to point. What these, a
+    /// tear or a cut leave of that share is no evidence for `unknown` either.
     double form_error_local_support = 0.2;
     /// ... with inertia: modulus, damping and mass have the forms of the catalogue.
     double form_error_dynamic = 0.02;

@@ -8,12 +8,20 @@ namespace {
 
 constexpr double kLeastShare = 0.05;  // of a parameter that cannot be zero
 
+bool has_place(const EffectEntry& entry) {
+    return std::any_of(entry.parameters.begin(), entry.parameters.end(),
+                       [](const EffectParameter& p) { return std::string_view(p.name) == "center_x"; });
+}
+
 }  // namespace
 
 bool EffectEntry::local_support() const {
-    return support() && !info.event && std::any_of(parameters.begin(), parameters.end(), [](const EffectParameter& p) {
-               return std::string_view(p.name) == "center_x";
-           });
+    return support() && !info.event && has_place(*this);
+}
+
+bool EffectEntry::rough_form() const {
+    const bool parted = info.event && std::string_view(info.kind) == "mechanics";
+    return (support() || parted) && has_place(*this);
 }
 
 const double* value_of(const EffectEntry& entry, const ActiveEffect& effect, std::string_view name) {

@@ -26,6 +26,8 @@ struct EffectEntry {
     /// ... at a place of its own, from the beginning: an adhesion, a contact, a slack ligament. Where each of its
     /// points begins to hold is not known; what lets go at an instant or moves as a whole changes by degrees.
     bool local_support() const;
+    /// Holds, lets go or is parted at a place of its own: what really does differs from the catalogue's smooth form.
+    bool rough_form() const;
 };
 
 /// An effect switched on. `values`: physical, one per parameter.

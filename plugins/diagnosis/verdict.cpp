@@ -40,11 +40,17 @@ double price_of_rival(const std::vector<Cause>& causes, double rest, const Calib
                                      : rival->price.total();
 }
 
-// What looser forms of the best cause would explain besides [nats]: no evidence for something else.
-double forms_of_best(const std::vector<Cause>& causes, const ErrorFloor& floor, const Calibration& calibration) {
+// What looser forms of the best cause would explain besides, or what a rough form is expected to leave [nats]: no
+// evidence for something else.
+double forms_of_best(const std::vector<Cause>& causes, double cost_null, const ErrorFloor& floor,
+                     const Calibration& calibration) {
     const Cause* best = best_fitted(causes);
-    if (best == nullptr || !best->misfit_beside_forms) return 0.0;
-    return std::max(0.0, gain(best->misfit, *best->misfit_beside_forms, floor, calibration));
+    if (best == nullptr) return 0.0;
+    double without = best->misfit_beside_forms.value_or(best->misfit);
+    if (best->rough_form)
+        without = std::min(
+            without, best->misfit - calibration.form_error_local_support * std::max(0.0, cost_null - best->misfit));
+    return std::max(0.0, gain(best->misfit, without, floor, calibration));
 }
 
 // Whatever acts on the body takes it to about the state that it is in under the best cause: what the model may be off
@@ -102,6 +108,8 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
         calibration.narrowing * std::max(0.0, narrowing_price(S, amplitudes) - cause.search_cost),
         calibration.further_effect * static_cast<double>(cause.entries.size() - 1) +
             calibration.further_mechanical * static_cast<double>(std::max<std::ptrdiff_t>(0, mechanical - 1))};
+    cause.rough_form =
+        std::any_of(cause.entries.begin(), cause.entries.end(), [&](std::size_t e) { return effects[e].rough_form(); });
     cause.misfit = misfit_of(fit, theta);
     return gain(nominal.compared_cost(), cause.misfit, floor, calibration) - cause.price.total();
 }
@@ -122,7 +130,7 @@ Verdict judge(std::vector<Cause> causes, double cost_null, const ErrorFloor& flo
     const double beyond = gain(cost_null, rest, floor, calibration);
     const double least = calibration.unknown_least();
     const double price = std::max(least, price_of_rival(causes, rest, calibration) + calibration.unknown_rarity);
-    const double unknown = visible_evidence(beyond - price - forms_of_best(causes, floor, calibration));
+    const double unknown = visible_evidence(beyond - price - forms_of_best(causes, cost_null, floor, calibration));
 
     // Which cause, if there is one.
     double top = unknown;

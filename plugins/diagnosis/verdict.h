@@ -55,10 +55,11 @@ struct Cause {
     std::optional<double> misfit_beside_forms{};
     /// Model part of the error floor in the state that the body is in under it, if it was asked for.
     std::optional<double> model_error{};
-    Price price{};  ///< of a fitted cause
+    bool rough_form = false;  ///< of one of its effects (effect_table.h)
+    Price price{};            ///< of a fitted cause
     double score = 0.0;
     double probability = 0.0;
-    double explained = 0.0;  ///< share of the cost above the floor that it takes away
+    double explained = 0.0;                  ///< share of the cost above the floor that it takes away
     std::vector<OtherPlace> other_places{};  ///< most likely first
 };
 
