@@ -89,6 +89,58 @@ void take_place(const EffectTable& table, std::size_t e, PlaceGain gain, std::ve
         *same = std::move(gain);
 }
 
+// Parameter of each amplitude.
+std::vector<std::size_t> amplitudes_of(const EffectEntry& entry) {
+    std::vector<std::size_t> amplitude;
+    for (std::size_t p = 0; p < entry.parameters.size(); ++p)
+        if (entry.parameters[p].role == EffectRole::kAmplitude) amplitude.push_back(p);
+    return amplitude;
+}
+
+// What a candidate explains: amplitudes within their bounds [prior standard deviations], the cost that they leave, what
+// the data say of them.
+struct Weighed {
+    Eigen::VectorXd a;
+    double cost = 0.0;
+    Eigen::MatrixXd S;
+};
+
+// The residual at the prior mean of the nuisance J, and the signatures G, in its metric (I + J J^T)^-1.
+struct Residual {
+    Residual(Eigen::MatrixXd signatures, const Fit& base, Eigen::Index used) : G(std::move(signatures)) {
+        const Eigen::MatrixXd J = base.J.topRows(used);
+        const NuisanceMetric metric(J);
+        const Eigen::VectorXd r = base.residual.head(used) + J * base.u;
+        weighted_G = metric.weigh(G);
+        weighted_r = metric.weigh(r);
+        cost_null = r.dot(weighted_r);
+    }
+    Weighed weigh(const EffectEntry& entry, const ActiveEffect& full, const Signatures::Candidate& c) const {
+        const auto columns = G.middleCols(c.first, c.count);
+        Weighed w;
+        w.S = columns.transpose() * weighted_G.middleCols(c.first, c.count);
+        const Eigen::VectorXd b = columns.transpose() * weighted_r;
+        w.a = (w.S + Eigen::MatrixXd::Identity(c.count, c.count)).ldlt().solve(b);
+        const std::vector<std::size_t> amplitude = amplitudes_of(entry);
+        for (Eigen::Index i = 0; i < c.count; ++i) {
+            const std::size_t p = amplitude[static_cast<std::size_t>(i)];
+            const ShareBounds bounds = share_bounds(entry.parameters[p], full.values[p]);
+            w.a(i) = std::clamp(w.a(i), bounds.lower, bounds.upper);
+        }
+        w.cost = std::max(cost_null - 2.0 * b.dot(w.a) + w.a.dot(w.S * w.a), 1e-3 * cost_null);
+        return w;
+    }
+    // The effect `noise` moves nothing; it is worth the white part of what is left.
+    Weighed as_noise(double factor, Eigen::Index count) const {
+        return {Eigen::VectorXd::Constant(count, factor - 1.0), cost_null / (factor * factor),
+                Eigen::MatrixXd::Zero(count, count)};
+    }
+
+    Eigen::MatrixXd G, weighted_G;
+    Eigen::VectorXd weighted_r;
+    double cost_null = 0.0;
+};
+
 }  // namespace
 
 double apart_m(const std::vector<PlaceGain>& places) {
@@ -192,15 +244,12 @@ Screening screen(const Simulator& simulator, const Signatures& signatures, const
     const auto used = std::lower_bound(whitener.rows().begin(), whitener.rows().end(), end) - whitener.rows().begin();
     const double share = static_cast<double>(used) / static_cast<double>(whitener.size());
     const ErrorFloor floor{share * all_frames.noise, share * all_frames.model};
-    const Eigen::MatrixXd G = whitener(signatures.changes).topRows(used), J = base.J.topRows(used);
-    const NuisanceMetric metric(J);
-    const Eigen::VectorXd r = base.residual.head(used) + J * base.u;  // at the prior mean of the nuisance
-    const Eigen::MatrixXd weighted_G = metric.weigh(G);
-    const Eigen::VectorXd weighted_r = metric.weigh(r);
+    const Residual residual(whitener(signatures.changes).topRows(used), base, used);
+    const double white_factor =
+        std::max(1.0, white_noise_factor(base.residual, whitener.rows(), simulator.num_markers()));
 
     Screening out;
-    out.cost_null = r.dot(weighted_r);
-    const double white_factor = white_noise_factor(base.residual, whitener.rows(), simulator.num_markers());
+    out.cost_null = residual.cost_null;
     for (std::size_t e = 0; e < table.size(); ++e) {
         EffectScreening effect;
         effect.entry = e;
@@ -209,41 +258,21 @@ Screening screen(const Simulator& simulator, const Signatures& signatures, const
         for (const auto& c : signatures.candidates) {
             if (c.entry != e) continue;
             const ActiveEffect full = table.candidate(e, c.index);
-            std::vector<std::size_t> amplitude;  // parameter of each column
-            for (std::size_t p = 0; p < full.values.size(); ++p)
-                if (table[e].parameters[p].role == EffectRole::kAmplitude) amplitude.push_back(p);
-
             Assumption other = base.at;
             other.effects.push_back(full);
-            double cost = out.cost_null, tempering = 0.0;
-            Eigen::VectorXd a = Eigen::VectorXd::Zero(c.count);
-            Eigen::MatrixXd S = Eigen::MatrixXd::Zero(c.count, c.count);
-            if (simulator.noise_factor(other) != simulator.noise_factor(base.at)) {
-                cost = out.cost_null / std::max(1.0, white_factor * white_factor);
-                a.setConstant(std::sqrt(std::max(1.0, white_factor * white_factor)) - 1.0);
-            } else {
-                const auto columns = G.middleCols(c.first, c.count);
-                S = columns.transpose() * weighted_G.middleCols(c.first, c.count);
-                const Eigen::VectorXd b = columns.transpose() * weighted_r;
-                a = (S + Eigen::MatrixXd::Identity(c.count, c.count)).ldlt().solve(b);
-                for (Eigen::Index i = 0; i < c.count; ++i) {
-                    const std::size_t p = amplitude[static_cast<std::size_t>(i)];
-                    const ShareBounds bounds = share_bounds(table[e].parameters[p], full.values[p]);
-                    a(i) = std::clamp(a(i), bounds.lower, bounds.upper);
-                }
-                cost = std::max(out.cost_null - 2.0 * b.dot(a) + a.dot(S * a), 1e-3 * out.cost_null);
-                tempering = calibration.nu / floor.above(cost);
-                if (S.trace() > effect.visibility) {
-                    effect.visibility = S.trace();
-                    effect.signature = columns;
-                }
+            const bool noise = simulator.noise_factor(other) != simulator.noise_factor(base.at);
+            const Weighed w = noise ? residual.as_noise(white_factor, c.count) : residual.weigh(table[e], full, c);
+            if (!noise && w.S.trace() > effect.visibility) {
+                effect.visibility = w.S.trace();
+                effect.signature = residual.G.middleCols(c.first, c.count);
             }
-            const AmplitudePrice price = amplitude_price({a}, tempering * S, counted_amplitudes(c.count));
-            const double score = -0.5 * calibration.nu * std::log(floor.above(cost) / floor.above(out.cost_null)) -
+            const double tempering = calibration.nu / floor.above(w.cost);
+            const AmplitudePrice price = amplitude_price({w.a}, tempering * w.S, counted_amplitudes(c.count));
+            const double score = -0.5 * calibration.nu * std::log(floor.above(w.cost) / floor.above(out.cost_null)) -
                                  price.tail - price.occam;
             scores.push_back(score);
-            const double explained = 1.0 - cost / out.cost_null;
-            const ActiveEffect start = scaled(table[e], full, amplitude, a);
+            const double explained = 1.0 - w.cost / out.cost_null;
+            const ActiveEffect start = scaled(table[e], full, amplitudes_of(table[e]), w.a);
             take_place(table, e, {{}, score, explained, start, c.index}, effect.places);
             if (score > best) {
                 best = score;
