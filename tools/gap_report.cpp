@@ -181,6 +181,10 @@ Status draw(const Json& j, const Residuals& r, const std::vector<double>& gap, c
     if (j["where"]["center_m"].is_array()) {
         picture.dots.push_back(j["where"]["center_m"].get<Point>());
         picture.dots_name = "place of the cause";
+        for (const Json& other : j["where"].value("other_places", Json::array())) {
+            picture.dots.push_back(other["center_m"].get<Point>());
+            picture.dots_name = "possible places of the cause";
+        }
     }
     picture.views = default_views(mesh, sensor, picture.value);
     return save_liver_picture(picture, mesh, folder / "surface_gap.png");

@@ -93,7 +93,8 @@ function draw(){const c=$("body").getContext("2d");c.clearRect(0,0,620,470);if(!
  const key=view.shape==="before"?"before_m":"after_m";
  for(let m=0;m<M;m++){const at=3*(view.frame*M+m),q=project([0,1,2].map(a=>D.markers[key][at+a])),y=D.markers.observed_m[at];
   if(y!==null){const o=project([0,1,2].map(a=>D.markers.observed_m[at+a]));c.strokeStyle="#111";c.lineWidth=1.5;c.beginPath();c.moveTo(q[0],q[1]);c.lineTo(o[0],o[1]);c.stroke();c.fillStyle="#fff";c.beginPath();c.arc(o[0],o[1],4,0,7);c.fill();c.stroke();c.lineWidth=1}}
- if(D.where.center_m){const q=project(D.where.center_m);c.strokeStyle="#d000c8";c.lineWidth=3;c.beginPath();c.arc(q[0],q[1],Math.max(9,(D.where.radius_m||0)*view.zoom*480/size),0,7);c.stroke();c.lineWidth=1;c.fillStyle="#d000c8";c.fillText("cause",q[0]+12,q[1]-10)}
+ if(D.where.center_m){const q=project(D.where.center_m);c.strokeStyle="#d000c8";c.lineWidth=3;c.beginPath();c.arc(q[0],q[1],Math.max(9,(D.where.radius_m||0)*view.zoom*480/size),0,7);c.stroke();c.lineWidth=1;c.fillStyle="#d000c8";c.fillText("cause",q[0]+12,q[1]-10)
+  for(const o of D.where.other_places||[]){const p=project(o.center_m);c.strokeStyle="#d000c8";c.setLineDash([4,4]);c.beginPath();c.arc(p[0],p[1],9,0,7);c.stroke();c.setLineDash([]);c.fillText("or here, odds "+num(o.odds,1),p[0]+12,p[1]-10)}}
  if(D.attachment){for(const p of D.attachment){const q=project(p);c.fillStyle="#00b050";c.fillRect(q[0]-1.5,q[1]-1.5,3,3)}}
  $("now").textContent=num(T[view.frame],2)+" s"}
 const slider=$("time");slider.max=Math.max(0,F-1);slider.oninput=()=>{view.frame=+slider.value;draw()};
