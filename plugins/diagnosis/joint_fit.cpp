@@ -123,6 +123,10 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
     };
     const auto evaluate = [&](const Eigen::VectorXd& u) {
         Fit fit;
+        if (!u.allFinite()) {
+            fit.cost = std::numeric_limits<double>::infinity();
+            return fit;
+        }
         fit.at = space.assumption(coordinates(u));
         fit.u = scaled(fit.at);  // within bounds
         fit.usable = simulator.approximate(fit.at, fit.trajectory);

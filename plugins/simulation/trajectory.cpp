@@ -67,6 +67,7 @@ void Trajectory::settle_effect(std::size_t effect, std::span<double> values) con
     const auto centre = effects_[effect]->description().surface_centre;
     if (!centre) return;
     const auto at = values.subspan(*centre, 3);
+    if (!std::isfinite(at[0] + at[1] + at[2])) return;  // a step that failed: whoever made it sees it
     const Point on = player_->scene().surface.closest({at[0], at[1], at[2]}).position_m;
     std::copy(on.begin(), on.end(), at.begin());
 }

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <memory>
 #include <numeric>
 #include <random>
@@ -68,6 +69,10 @@ TEST(OtherPlaces, APlaceOnTheSurfaceIsSettledThere) {
     const ActiveEffect before = inside;
     body.mechanics->settle_effect(body.effects[inside.entry].index, inside.values);
     EXPECT_EQ(inside, before);
+
+    ActiveEffect failed = body.pull({0.0, 0.0, 0.1}, {0.06, std::nan(""), 0.033});
+    body.mechanics->settle_effect(body.effects[failed.entry].index, failed.values);
+    EXPECT_TRUE(std::isnan(*value_of(body.effects[failed.entry], failed, "center_y"))) << "a step that failed";
 }
 
 // From (0.06, 0.02, 0.04) along (0.3, 0, 1) through a block 40 mm high: out again at (0.048, 0.02, 0).
