@@ -12,9 +12,10 @@ namespace {
 constexpr int kIterations = 6;
 constexpr std::size_t kPlaces = 3;  // of the screening
 constexpr double kNearby = 1.5;  // of the best answer's misfit: a fit from another place that stays beyond is given up
-constexpr double kLeastOdds = 0.2;    // of another place worth telling
-constexpr double kOtherCourse = 0.3;  // prior standard deviations of an instant or a frequency
-constexpr double kLineStep = 0.25;    // of `apart_m`, along a line of action
+constexpr double kLeastOdds = 0.2;     // of another place worth telling
+constexpr double kOtherCourse = 0.3;   // prior standard deviations of an instant or a frequency
+constexpr double kLineStep = 0.25;     // of `apart_m`, along a line of action
+constexpr double kMostSteps = 1000.0;  // to either side
 
 std::optional<Eigen::Vector3d> force_of(const EffectEntry& entry, const ActiveEffect& effect) {
     const double *x = value_of(entry, effect, "force_x"), *y = value_of(entry, effect, "force_y"),
@@ -80,7 +81,7 @@ std::vector<ActiveEffect> along_line_of_action(const Simulator& simulator, const
     for (const EffectParameter& p : entry.parameters)
         if (std::string_view(p.unit) == "m") reach = std::max(reach, p.upper - p.lower);
     const double step = kLineStep * apart_m;
-    const int steps = static_cast<int>(std::ceil(reach / step));
+    const int steps = static_cast<int>(std::min(std::ceil(reach / step), kMostSteps));
     std::vector<ActiveEffect> met;
     std::vector<double> distance;  // from the line's points to the surface
     for (int k = -steps; k <= steps; ++k) {
