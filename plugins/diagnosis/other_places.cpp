@@ -4,12 +4,12 @@
 #include <cmath>
 #include <limits>
 
+#include "plugins/diagnosis/search_steps.h"
 #include "plugins/diagnosis/strong_start.h"
 
 namespace teres {
 namespace {
 
-constexpr int kIterations = 6;
 constexpr std::size_t kPlaces = 3;  // of the screening
 constexpr double kNearby = 1.5;  // of the best answer's misfit: a fit from another place that stays beyond is given up
 constexpr double kLeastOdds = 0.2;     // of another place worth telling
@@ -121,7 +121,7 @@ void try_other_places(Problem& problem, const Fit& nominal, const Base* base, co
         problem.outlook != nullptr ? std::numeric_limits<double>::infinity() : kNearby * cause.fit.misfit;
     side_by_side(problem, places.size(), [&](Problem& p, std::size_t k) {
         const GivenUpBeyond bound(p, nearby, nominal.misfit);
-        others[k] = refit(p, nominal, base != nullptr ? &base->known : nullptr, places[k], kIterations);
+        others[k] = refit(p, nominal, base != nullptr ? &base->known : nullptr, places[k], kFurtherIterations);
     });
     others.push_back(std::move(cause));
     std::erase_if(others, [](const Cause& c) { return !c.fit.usable; });

@@ -1,7 +1,6 @@
 #include "plugins/diagnosis/search.h"
 
 #include <algorithm>
-#include <cmath>
 #include <string_view>
 
 #include "plugins/diagnosis/beginnings.h"

@@ -3,10 +3,8 @@
 
 #include <gtest/gtest.h>
 
-#include <numeric>
-
-#include "plugins/diagnosis/problem.h"
 #include "tests/support/toy_body.h"
+#include "tests/support/white.h"
 
 namespace teres {
 namespace {
@@ -20,12 +18,6 @@ struct Toy {
     Assumption with_slip(double x_m, double y_m, double z_m, double marker, double onset_s) const {
         return {{40.0, 60.0}, {{effects.find("marker_slip"), {x_m, y_m, z_m, marker, onset_s}}}};
     }
-    Whitener white(double sigma_m) const {
-        std::vector<Eigen::Index> rows(simulator.num_rows());
-        std::iota(rows.begin(), rows.end(), Eigen::Index{0});
-        const auto size = static_cast<Eigen::Index>(rows.size());
-        return tempered_whitener(rows, Eigen::VectorXd::Constant(size, sigma_m), Eigen::MatrixXd(size, 0), {});
-    }
 };
 
 // Marker 0 and the onset lie half a standard deviation from their priors' centres, where no derivative holds them.
@@ -33,7 +25,8 @@ TEST(JointFit, AChoiceStaysWhereTheSearchPutIt) {
     Toy toy;
     Eigen::VectorXd observed;
     ASSERT_TRUE(toy.simulator.simulate(toy.with_slip(0.008, -0.003, 0.002, 0.0, 1.5), observed));
-    const Fit fit = fit_jointly(toy.simulator, toy.white(3e-4), observed, toy.with_slip(0.004, 0.0, 0.0, 0.0, 1.5), {});
+    const Fit fit = fit_jointly(toy.simulator, test::white(toy.simulator, 3e-4), observed,
+                                toy.with_slip(0.004, 0.0, 0.0, 0.0, 1.5), {});
     ASSERT_TRUE(fit.usable);
     const std::vector<double>& values = fit.at.effects[0].values;
     EXPECT_NEAR(values[0], 0.008, 1e-4);

@@ -6,11 +6,11 @@
 
 #include <cmath>
 #include <memory>
-#include <numeric>
 #include <random>
 
 #include "plugins/simulation/trajectory.h"
 #include "tests/support/synthetic_case.h"
+#include "tests/support/white.h"
 
 namespace teres {
 namespace {
@@ -18,16 +18,15 @@ namespace {
 constexpr Point kSize{0.10, 0.04, 0.04};
 
 Case block() {
-    Case c = test::clamped_block({.size_m = kSize,
-                                  .cells = {8, 3, 3},
-                                  .law = BodyLaw::kNeoHookean,
-                                  .youngs_modulus_pa = 15e3,
-                                  .poissons_ratio = 0.45,
-                                  .frames = 8,
-                                  .dt_s = 0.2,
-                                  .quasi_static = true,
-                                  .full_force_n = {0.0, 0.0, 0.0}});
-    return c;
+    return test::clamped_block({.size_m = kSize,
+                                .cells = {8, 3, 3},
+                                .law = BodyLaw::kNeoHookean,
+                                .youngs_modulus_pa = 15e3,
+                                .poissons_ratio = 0.45,
+                                .frames = 8,
+                                .dt_s = 0.2,
+                                .quasi_static = true,
+                                .full_force_n = {0.0, 0.0, 0.0}});
 }
 
 struct Body {
@@ -50,12 +49,6 @@ struct Body {
         }
         set("radius", 0.01);
         return effect;
-    }
-    Whitener white(double sigma_m) const {
-        std::vector<Eigen::Index> rows(simulator.num_rows());
-        std::iota(rows.begin(), rows.end(), Eigen::Index{0});
-        const auto size = static_cast<Eigen::Index>(rows.size());
-        return tempered_whitener(rows, Eigen::VectorXd::Constant(size, sigma_m), Eigen::MatrixXd(size, 0), {});
     }
 };
 
@@ -99,8 +92,8 @@ TEST(OtherPlaces, AFitMovesItsPlaceAlongTheSurface) {
     Eigen::VectorXd observed;
     ASSERT_TRUE(body.simulator.simulate(truth, observed));
     const Assumption start{theta, {body.pull({0.0, 0.0, 0.1}, {0.055, 0.012, 0.035})}};
-    const Fit fit =
-        fit_jointly(body.simulator, body.white(1e-5), observed, start, {.max_iterations = 30, .tolerance = 1e-4});
+    const Fit fit = fit_jointly(body.simulator, test::white(body.simulator, 1e-5), observed, start,
+                                {.max_iterations = 30, .tolerance = 1e-4});
     ASSERT_TRUE(fit.usable);
     const ActiveEffect& load = fit.at.effects[0];
     const EffectEntry& entry = body.effects[load.entry];
@@ -138,7 +131,7 @@ TEST(OtherPlaces, APushFromBelowIsTriedAsAPullFromAbove) {
         Recording recording = *make_recording(
             {"block", body.mechanics.get(), nullptr, {observed.data(), observed.data() + observed.size()}, noise_m, 1});
         const DiagnosisOptions options;
-        Problem problem{body.simulator, recording, options, {}, body.white(noise_m)};
+        Problem problem{body.simulator, recording, options, {}, test::white(body.simulator, noise_m)};
         const Fit nominal = problem.fit({theta, {}}, 0);
         Cause cause;
         cause.entries = {body.effects.find("unknown_load")};
@@ -174,7 +167,7 @@ TEST(OtherPlaces, ASteadyLoadSaysNothingOfItsFrequency) {
     const Assumption steady{prior_median(*body.mechanics).theta, {body.pull({0.05, 0.02, 0.2}, {0.07, 0.02, 0.04})}};
     Eigen::VectorXd observed;
     ASSERT_TRUE(body.simulator.simulate(steady, observed));
-    const Fit fit = fit_jointly(body.simulator, body.white(1e-4), observed, steady, {});
+    const Fit fit = fit_jointly(body.simulator, test::white(body.simulator, 1e-4), observed, steady, {});
     ASSERT_TRUE(fit.usable);
     EXPECT_TRUE(fit.says_nothing_of(fit.J.cols() - 1));
 }
