@@ -57,6 +57,10 @@ Status read_body(BlindtestOptions& o) {
     return {};
 }
 
+fs::path seal_file(const BlindtestOptions& o) {
+    return fs::path(o.out) / ("seal-" + shard_name(o.plan) + ".sha256");
+}
+
 Status generate(const BlindtestOptions& o, const std::vector<CaseSpec>& cases) {
     const fs::path out = o.out, scratch = out / ("scratch-" + shard_name(o.plan));
     CaseMaker maker(o.plan.seed, out, scratch);
@@ -67,14 +71,16 @@ Status generate(const BlindtestOptions& o, const std::vector<CaseSpec>& cases) {
     maker.least_gap_m = 1e-3 * o.least_gap_mm;
     Progress progress("sealed cases", cases.size());
     int discarded = 0;
+    std::string list;
     for (const CaseSpec& spec : cases) {
         TERES_TRY_ASSIGN(const CaseMaker::Outcome outcome, maker.make(spec));
         discarded += outcome == CaseMaker::Outcome::kDiscarded;
+        TERES_TRY_ASSIGN(const std::string sums, seal_list(out, {&spec, 1}));
+        list += sums;
+        TERES_TRY(write_text_file(seal_file(o), list));  // what was made is sealed, should the rest never be
         progress.step();
     }
     if (!o.keep) fs::remove_all(scratch);
-    TERES_TRY_ASSIGN(const std::string list, seal_list(out, cases));
-    TERES_TRY(write_text_file(out / ("seal-" + shard_name(o.plan) + ".sha256"), list));
     std::printf(
         "%zu cases, %d discarded (no solution or, with --least-gap-mm, too little to see)\nseal %s  (SHA-256 of "
         "%s/seal-%s.sha256)\n",
@@ -98,21 +104,35 @@ Status show(const std::vector<CaseResult>& results, const BlindtestOptions& o) {
     return o.plots.empty() ? Status{} : save_plots(summary, o.plots);
 }
 
-Status score(const BlindtestOptions& o, const std::vector<CaseSpec>& cases) {
-    const fs::path out = o.out, seal = out / ("seal-" + shard_name(o.plan) + ".sha256");
-    TERES_TRY_ASSIGN(const std::string sealed, read_text_file(seal));
-    TERES_TRY_ASSIGN(const std::string now, seal_list(out, cases));
-    if (sealed != now) return not_usable(seal.string() + ": the sealed files are not those that were sealed");
+// The cases that were sealed, checked, and of these those that were diagnosed: a set that was stopped is scored as far
+// as it went.
+Result<std::vector<CaseSpec>> sealed_and_diagnosed(const BlindtestOptions& o, std::vector<CaseSpec> cases) {
+    const std::size_t planned = cases.size();
+    TERES_TRY_ASSIGN(const std::string sealed, read_text_file(seal_file(o)));
+    std::erase_if(cases, [&](const CaseSpec& spec) {
+        return sealed.find("  sealed/" + spec.name + "/label.json\n") == std::string::npos;
+    });
+    TERES_TRY_ASSIGN(const std::string now, seal_list(o.out, cases));
+    if (sealed != now) return not_usable(seal_file(o).string() + ": the sealed files are not those that were sealed");
     std::printf("seal %s holds\n", sha256(sealed).c_str());
+    if (cases.size() < planned) std::printf("%zu of %zu cases were not made\n", planned - cases.size(), planned);
+    const std::size_t undiagnosed =
+        std::erase_if(cases, [&](const CaseSpec& spec) { return !ready_to_score(spec, o.out); });
+    if (undiagnosed > 0) std::printf("%zu cases are not diagnosed yet and left out\n", undiagnosed);
+    return cases;
+}
+
+Status score(const BlindtestOptions& o, const std::vector<CaseSpec>& cases) {
+    TERES_TRY_ASSIGN(const std::vector<CaseSpec> done, sealed_and_diagnosed(o, cases));
     std::vector<CaseResult> results;
     std::string lines;
-    for (const CaseSpec& spec : cases) {
-        TERES_TRY_ASSIGN(const std::optional<CaseResult> result, score_case(spec, out));
+    for (const CaseSpec& spec : done) {
+        TERES_TRY_ASSIGN(const std::optional<CaseResult> result, score_case(spec, o.out));
         if (!result) continue;
         lines += to_json_line(*result) + "\n";
         results.push_back(*result);
     }
-    const fs::path file = out / ("results-" + shard_name(o.plan) + ".jsonl");
+    const fs::path file = fs::path(o.out) / ("results-" + shard_name(o.plan) + ".jsonl");
     TERES_TRY(write_text_file(file, lines));
     TERES_TRY(show(results, o));
     std::printf("\nresults: %s\n", file.c_str());
@@ -164,9 +184,10 @@ void add_blindtest_command(CLI::App& app, int& exit_code) {
         "  teres blindtest --body phantom --cases 25 --seed 7 --out bench                   # on your own body and "
         "loads\n"
         "  teres blindtest merge bench/results-*.jsonl --plots bench/plots\n"
-        "Stages that were interrupted go on where they stopped. OUT/cases is all that the diagnosis is given; "
-        "OUT/sealed\n"
-        "holds the labels, OUT/seal-*.sha256 their sums (checked before they are opened; `sha256sum -c` reads it).\n"
+        "Stages that were interrupted go on where they stopped; what was sealed and diagnosed by then can be scored.\n"
+        "OUT/cases is all that the diagnosis is given; OUT/sealed holds the labels, OUT/seal-*.sha256 their sums "
+        "(checked\n"
+        "before they are opened; `sha256sum -c` reads it).\n"
         "Needs the program ccx (apt-get install calculix-ccx). Exit code 1: the seal is broken.",
         [options] {
             const Status done = run(*options);

@@ -330,6 +330,12 @@ class SmallCases : public ::testing::Test {
     }
 };
 
+// What is left of a diagnosis that ended without an answer.
+void failed_diagnosis(const fs::path& out, const std::string& name) {
+    fs::create_directories(out / "answers");
+    std::ofstream(out / "answers" / (name + ".cost.json")) << R"({"exit_code": 2, "seconds": 1.0, "peak_mb": 10.0})";
+}
+
 // A block with a ligament on its lid, two loads, a camera.
 Case given_block() {
     Case c = camera_case();
@@ -416,9 +422,20 @@ TEST_F(SmallCases, AreTheSameForTheSameSeedAndSealed) {
     const test::Run sealed = test::run_teres(score);
     EXPECT_EQ(sealed.exit_code, 0) << sealed.error;
     EXPECT_THAT(sealed.output, ::testing::HasSubstr("holds"));
-    EXPECT_THAT(sealed.output, ::testing::HasSubstr("| diagnosis failed | 2 |"));  // nobody has diagnosed yet
+    EXPECT_THAT(sealed.output, ::testing::HasSubstr("2 cases are not diagnosed yet"));
+    EXPECT_THAT(sealed.output, ::testing::HasSubstr("| diagnosis failed | 0 |"));
+    for (const char* name : {"c0000", "c0001"}) failed_diagnosis(one.path(), name);
+    EXPECT_THAT(test::run_teres(score).output, ::testing::HasSubstr("| diagnosis failed | 2 |"));
     EXPECT_THAT(*read_text_file(one.path() / "results-0-of-1.jsonl"),
                 ::testing::HasSubstr("\"body\":\"11/0 "));  // so that results of several seeds merge
+    // A set that was stopped after its first case.
+    const std::string seal = *read_text_file(one.path() / "seal-0-of-1.sha256");
+    std::ofstream(one.path() / "seal-0-of-1.sha256") << seal.substr(0, seal.find('\n', seal.find("c0000/validation")) + 1);
+    const test::Run part = test::run_teres(score);
+    EXPECT_EQ(part.exit_code, 0) << part.error;
+    EXPECT_THAT(part.output, ::testing::HasSubstr("1 of 2 cases were not made"));
+    EXPECT_THAT(part.output, ::testing::HasSubstr("| diagnosis failed | 1 |"));
+    std::ofstream(one.path() / "seal-0-of-1.sha256") << seal;
     std::ofstream(one.path() / "sealed/c0001/label.json", std::ios::app) << " ";
     const test::Run broken = test::run_teres(score);
     EXPECT_EQ(broken.exit_code, 1);

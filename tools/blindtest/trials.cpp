@@ -68,6 +68,10 @@ fs::path answer_file(const fs::path& out, const CaseSpec& spec, const std::strin
     return out / "answers" / (spec.name + ending);
 }
 
+bool has_case(const CaseSpec& spec, const fs::path& out) {
+    return fs::exists(out / "cases" / spec.name / "case.json");
+}
+
 Status diagnose(const CaseSpec& spec, const TrialOptions& o, const std::string& ending, std::vector<std::string> more) {
     const fs::path cost_file = answer_file(o.out, spec, ending + ".cost.json");
     if (fs::exists(cost_file)) return {};
@@ -106,8 +110,12 @@ std::optional<double> error_mm(const fs::path& prediction, const fs::path& truth
 
 }  // namespace
 
+bool ready_to_score(const CaseSpec& spec, const fs::path& out) {
+    return !has_case(spec, out) || fs::exists(answer_file(out, spec, ".cost.json"));
+}
+
 Status diagnose_case(const CaseSpec& spec, const TrialOptions& o) {
-    if (!fs::exists(o.out / "cases" / spec.name / "case.json")) return {};  // discarded
+    if (!has_case(spec, o.out)) return {};  // discarded, or not made yet
     std::error_code failed;
     fs::create_directories(o.out / "answers", failed);
     if (failed) return host_fault((o.out / "answers").string() + ": " + failed.message());

@@ -23,6 +23,8 @@ struct TrialOptions {
 /// what is there already is kept. Errors: kHostFault if the program cannot be started.
 Status diagnose_case(const CaseSpec& spec, const TrialOptions& options);
 
+/// Whether a case was diagnosed (also if that failed) or discarded by the generator: nothing is left to wait for.
+bool ready_to_score(const CaseSpec& spec, const std::filesystem::path& out);
 /// Opens the label. nullopt: the case was discarded by the generator. Errors: sealed files missing or malformed.
 Result<std::optional<CaseResult>> score_case(const CaseSpec& spec, const std::filesystem::path& out);
 
