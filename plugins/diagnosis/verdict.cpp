@@ -17,6 +17,11 @@ double unexplained(double cost_null, const ErrorFloor& floor, const Calibration&
     return reached + calibration.unknown_share * (cost_null - reached);
 }
 
+// A radius, a time, a frequency: how large it is to be expected is known, unlike where something is or when it begins.
+bool is_scale(const EffectParameter& p) {
+    return p.role == EffectRole::kShape && p.transform == EffectTransform::kLog;
+}
+
 // The best fitted cause whose evidence outweighs its price and that is `wanted`, or null.
 template <class Wanted>
 const Cause* best_fitted(const std::vector<Cause>& causes, const Wanted& wanted) {
@@ -30,14 +35,15 @@ const Cause* best_fitted(const std::vector<Cause>& causes) {
     return best_fitted(causes, [](const Cause&) { return true; });
 }
 
-// Price of the best credible cause that leaves no more than `rest`; if there is none, of the best one at all.
+// Price of the best credible cause that leaves no more than `rest`; if there is none, of the best one at all. Without
+// what it pays for scales that are not its own: that speaks for something else.
 double price_of_rival(const std::vector<Cause>& causes, double rest, const Calibration& calibration) {
     const Cause* rival =
         best_fitted(causes, [&](const Cause& c) { return c.misfit <= rest && c.score >= calibration.none_bonus; });
     if (rival == nullptr) rival = best_fitted(causes);
     if (rival == nullptr) return 0.0;
-    return rival->entries.size() > 1 ? std::min(rival->price.total(), calibration.unknown_price_most)
-                                     : rival->price.total();
+    const double price = rival->price.total() - rival->price.scales;
+    return rival->entries.size() > 1 ? std::min(price, calibration.unknown_price_most) : price;
 }
 
 // What looser forms of the best cause would explain besides, or what a rough form is expected to leave [nats]: no
@@ -82,10 +88,12 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
     std::vector<Eigen::Index> amplitude, shape;
     Eigen::Index column = theta, counted = 0;
     std::vector<Eigen::VectorXd> of_effect;
+    double scales = 0.0;
     for (const std::size_t e : cause.entries) {
         std::vector<Eigen::Index> own;
         for (const EffectParameter& p : effects[e].parameters) {
             (p.role == EffectRole::kAmplitude ? own : shape).push_back(column);
+            if (is_scale(p)) scales += tail_price(fit.u.segment(column, 1));
             ++column;
         }
         of_effect.emplace_back(fit.u(own));
@@ -103,7 +111,7 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
                               (G.transpose() * G - G.transpose() * J * H.ldlt().solve(J.transpose() * G));
     const AmplitudePrice price = amplitude_price(of_effect, S.topLeftCorner(amplitudes, amplitudes), counted);
     cause.price = {
-        price.tail, price.occam, cause.search_cost,
+        price.tail, scales, price.occam, cause.search_cost,
         // A place that the fit narrows down further than the search grid does is the more fine-tuned.
         calibration.narrowing * std::max(0.0, narrowing_price(S, amplitudes) - cause.search_cost),
         calibration.further_effect * static_cast<double>(cause.entries.size() - 1) +

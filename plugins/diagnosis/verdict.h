@@ -1,14 +1,15 @@
 // From fitted hypotheses to probabilities. One scale-free score per answer [nats]:
 //
 //     cause c:   -(nu/2) ln(above_c / above_0) - price_c,
-//                price_c = tail(a) + max(search_c, narrow_c) + 1/2 ln|I + (nu/above_f) S_c| + that of further effects,
+//                price_c = tail(a) + sum tail(scale) + max(search_c, narrow_c) + 1/2 ln|I + (nu/above_f) S_c|
+//                          + that of further effects,
 //                above_f: at the floor, or at c if that is below: what leaves much does not pay less for it,
 //                narrow_c: what 1/2 ln|I + ...| grows by when places and times count beside the amplitudes
 //     unknown:   g - price_u,   g = -(nu/2) ln(rest / above_0), rest = what right causes leave: a share of the model
 //                error + a share of what is beyond it,
 //                price_u = that of the best cause that leaves no more than it (and is likelier than none), or else of
-//                the best: an effect that nobody thought of is not simpler than those one did, nor dearer than any
-//                single one; besides that it is rarer
+//                the best, but for what that pays for its scales: an effect that nobody thought of is not simpler than
+//                those one did, nor dearer than any single one, nor is it bent into place; besides that it is rarer
 //     none:      bonus against the larger of ln sum exp(scores) and g - least price: that something is amiss may be
 //                certain before anything is named
 //
@@ -31,11 +32,12 @@ namespace teres {
 /// What a fitted cause pays [nats].
 struct Price {
     double tail = 0.0;     ///< far amplitudes
+    double scales = 0.0;   ///< far scales: radii, times, frequencies (shapes whose prior is of their logarithm)
     double occam = 0.0;    ///< amplitudes that had to be fitted
     double search = 0.0;   ///< places and times that were tried
     double narrow = 0.0;   ///< places and times fitted, beyond `search`
     double further = 0.0;  ///< effects beyond the first
-    double total() const { return tail + occam + search + narrow + further; }
+    double total() const { return tail + scales + occam + search + narrow + further; }
 };
 
 /// A set of effects that was fitted (or only screened).

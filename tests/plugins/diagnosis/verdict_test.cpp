@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "plugins/diagnosis/screening.h"
+#include "tests/support/toy_body.h"
 
 namespace teres {
 namespace {
@@ -79,6 +80,46 @@ TEST(Verdict, APairThatExplainsEverythingIsNotUnknown) {
     const Verdict verdict = judge({fitted({0}, 6.0, 5.0), fitted({0, 1}, 0.5, 20.0)}, kNominal, kFloor, {});
     EXPECT_GT(probability_of(verdict, {0, 1}), 0.9);
     EXPECT_LT(verdict.unknown_probability, 0.1);
+}
+
+// A cause that leaves what `unknown` would at a price of 12 nats keeps it a nat behind; where 8 of these are for scales
+// that are not its own, something else needs none of them.
+TEST(Verdict, UnknownDoesNotPayForScalesBentIntoPlace) {
+    const auto lead_of_unknown = [](double scales) {
+        Cause cause = fitted({0}, 0.979, 12.0);
+        cause.price.occam -= scales;
+        cause.price.scales = scales;
+        const Verdict verdict = judge({cause}, kNominal, kFloor, {});
+        return Calibration{}.temperature * std::log(verdict.unknown_probability / probability_of(verdict, {0}));
+    };
+    EXPECT_NEAR(lead_of_unknown(0.0), -1.0, 1e-6);
+    EXPECT_NEAR(lead_of_unknown(4.0), 4.0 - 1.0, 1e-6);
+    EXPECT_NEAR(lead_of_unknown(8.0), 12.0 - 7.0, 1e-6) << "never for less than the least";
+}
+
+// The rise of a load has an expected duration; where and when it comes has not, nor has its force.
+TEST(Verdict, AScaleFarFromWhatIsExpectedHasItsPrice) {
+    test::ToyBody body;
+    body.sudden = true;
+    const EffectTable effects(body, nullptr, {});
+    Fit nominal;
+    nominal.u = Eigen::VectorXd::Zero(2);
+    nominal.cost = kNominal;
+    const auto priced = [&](double place, double duration) {
+        Cause cause;
+        cause.entries = {test::ToyBody::kUnknownLoad};
+        cause.fit.u = Eigen::VectorXd::Zero(2 + 7);
+        cause.fit.u(2 + 3) = cause.fit.u(2 + 5) = place;  // centre, onset [prior standard deviations]
+        cause.fit.u(2 + 6) = duration;
+        cause.fit.J = Eigen::MatrixXd::Zero(4, 2 + 7);
+        cause.fit.cost = 1.0 + cause.fit.u.squaredNorm();
+        const double score = refit_score(nominal, cause, effects, kFloor, {});
+        return std::pair(cause.price.scales, score);
+    };
+    EXPECT_EQ(priced(3.0, 0.0).first, 0.0);
+    const auto [far, score] = priced(0.0, -3.0);
+    EXPECT_NEAR(far, 2.5 * std::log(1.0 + 9.0 / 4.0), 1e-12) << "Student's t of four degrees of freedom";
+    EXPECT_NEAR(priced(0.0, 0.0).second - score, far, 1e-9);
 }
 
 // ... but at 35 nats, more than any single effect costs, one that nobody thought of is likelier.
