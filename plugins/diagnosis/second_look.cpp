@@ -35,12 +35,17 @@ bool explains_most(const Cause& cause) {
     return cause.fit.usable && cause.explained >= kMost;
 }
 
-// The effects that would be named, if they explain nearly everything; else none.
-std::vector<std::size_t> convincing(const Problem& problem, const Fit& nominal, const std::vector<Cause>& causes) {
+// What would be answered now.
+struct Told {
+    std::vector<std::size_t> named;  ///< if these explain nearly everything
+    bool unknown = false;
+};
+Told told_now(const Problem& problem, const Fit& nominal, const std::vector<Cause>& causes) {
     const Verdict verdict = judge(causes, nominal.compared_cost(), problem.floor, problem.options.calibration);
     const Cause& top = verdict.causes.front();
     const bool named = top.probability > std::max(verdict.none_probability, verdict.unknown_probability);
-    return named && explains_most(top) ? top.entries : std::vector<std::size_t>{};
+    return {named && explains_most(top) ? top.entries : std::vector<std::size_t>{},
+            !named && verdict.unknown_probability > verdict.none_probability};
 }
 
 // Effects that explain much at first order and have not been fitted.
@@ -98,15 +103,15 @@ void fit_at_full_size(Problem& problem, const Fit& nominal, const std::vector<co
 }  // namespace
 
 bool look_again(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes) {
-    const std::vector<std::size_t> told = convincing(problem, nominal, causes);
+    const Told told = told_now(problem, nominal, causes);
     const bool enough = std::any_of(causes.begin(), causes.end(),
                                     [](const Cause& c) { return c.entries.size() == 1 && explains_most(c); });
-    if (told.empty() && enough) return false;
-    const bool offset = told.size() == 1 && may_be_support(problem.simulator.effects()[told.front()]);
-    if (told.size() == 1 && !offset) return false;
+    if (told.named.empty() && enough && !told.unknown) return false;
+    const bool offset = told.named.size() == 1 && may_be_support(problem.simulator.effects()[told.named.front()]);
+    if (told.named.size() == 1 && !offset) return false;
     const double best_before = causes.front().score;
     const auto report = stage(problem.options, "looking again");
-    if (told.empty())
+    if (told.named.empty() && !enough)
         fit_overlooked(
             problem, nominal, screening, [&](double part) { return report(0.5 * part); }, causes);
     const auto in_question = [&](std::size_t entry) {
@@ -114,7 +119,8 @@ bool look_again(Problem& problem, const Fit& nominal, const Screening& screening
         const bool fitted = fitted_alone(causes, entry) != nullptr;
         if (!effect.support()) return false;
         if (offset) return !fitted && !effect.info.event;
-        return fitted && (told.empty() || std::find(told.begin(), told.end(), entry) != told.end());
+        return fitted && (told.named.empty() ||
+                          std::find(told.named.begin(), told.named.end(), entry) != told.named.end());
     };
     std::vector<const EffectScreening*> supports;
     for (const EffectScreening& effect : screening.effects)

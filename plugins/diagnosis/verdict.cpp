@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace teres {
 namespace {
@@ -22,24 +23,20 @@ bool is_scale(const EffectParameter& p) {
     return p.role == EffectRole::kShape && p.transform == EffectTransform::kLog;
 }
 
-// The best fitted cause whose evidence outweighs its price and that is `wanted`, or null.
-template <class Wanted>
-const Cause* best_fitted(const std::vector<Cause>& causes, const Wanted& wanted) {
+// The best fitted cause whose evidence outweighs its price and that leaves no more than `most`, or null.
+const Cause* best_fitted(const std::vector<Cause>& causes, double most = std::numeric_limits<double>::infinity()) {
     const Cause* best = nullptr;
     for (const Cause& cause : causes)
-        if (cause.fit.usable && cause.score > 0.0 && wanted(cause) && (best == nullptr || cause.score > best->score))
+        if (cause.fit.usable && cause.score > 0.0 && cause.misfit <= most &&
+            (best == nullptr || cause.score > best->score))
             best = &cause;
     return best;
 }
-const Cause* best_fitted(const std::vector<Cause>& causes) {
-    return best_fitted(causes, [](const Cause&) { return true; });
-}
 
-// Price of the best credible cause that leaves no more than `rest`; if there is none, of the best one at all. Without
-// what it pays for scales that are not its own: that speaks for something else.
+// Price of the best cause that leaves no more than `rest`; if there is none, of the best one at all. Without what it
+// pays for scales that are not its own: that speaks for something else.
 double price_of_rival(const std::vector<Cause>& causes, double rest, const Calibration& calibration) {
-    const Cause* rival =
-        best_fitted(causes, [&](const Cause& c) { return c.misfit <= rest && c.score >= calibration.none_bonus; });
+    const Cause* rival = best_fitted(causes, rest);
     if (rival == nullptr) rival = best_fitted(causes);
     if (rival == nullptr) return 0.0;
     const double price = rival->price.total() - rival->price.scales;
