@@ -34,6 +34,10 @@ struct Calibration {
     /// other models differ, as a share of that difference (error_floor.h).
     double model_error = 0.3;
     double discrepancy_share = 0.5;
+    /// Of that error, what lies beside the span of the motion in time; and by what share of its variance the stated
+    /// noise may be off (motion_span.h).
+    double beside_model = 0.1;
+    double beside_noise = 0.2;
     /// Share of what mechanical causes explain that remains because their real form is not quite the catalogue's: a
     /// further effect must explain more than that (besides form_columns.h), unless it is a sensor's.
     double form_error = 0.05;

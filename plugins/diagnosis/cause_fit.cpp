@@ -27,12 +27,12 @@ bool mechanical(const Problem& problem, const Cause& cause) {
 
 }  // namespace
 
-double misfit_under(const Problem& problem, const Whitener& whitener, const Fit& fit, Eigen::Index nominal_parameters) {
+Left left_under(const Problem& problem, const Whitener& whitener, const Fit& fit, Eigen::Index nominal_parameters) {
     const double noise = problem.simulator.noise_factor(fit.at);
-    return (whitener(problem.residual_of(fit.trajectory)).squaredNorm() +
-            fit.u.head(nominal_parameters).squaredNorm()) /
-               (noise * noise) +
-           fit.later;
+    const Eigen::VectorXd residual = whitener(problem.residual_of(fit.trajectory));
+    const double misfit = residual.squaredNorm() + fit.u.head(nominal_parameters).squaredNorm();
+    return {misfit / (noise * noise) + fit.later,
+            problem.span != nullptr ? problem.span->beside(residual) / (noise * noise) : 0.0};
 }
 
 void take_noise(Problem& problem, Fit& fit) {
@@ -113,7 +113,11 @@ Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const Effe
     return cause;
 }
 
-double form_error(const Problem& problem, const Fit& nominal, const Cause& known) {
+namespace {
+
+// Share of what `known` explains that it may leave because a mechanical effect never has quite the form of the
+// catalogue's.
+double form_share(const Problem& problem, const Cause& known) {
     const Calibration& c = problem.options.calibration;
     double share = 0.0;
     for (const std::size_t e : known.entries) {
@@ -124,7 +128,39 @@ double form_error(const Problem& problem, const Fit& nominal, const Cause& known
                                                                    : c.form_error;
         share = std::max(share, own);
     }
-    return share * std::max(0.0, nominal.compared_cost() - known.fit.compared_cost());
+    return share;
+}
+
+// By what a further effect lowers ln above beside looser forms of the known ones. What even both leave is an error of
+// form that the known ones alone have too. A sensor has few and global degrees of freedom: an error of form that it
+// explains is not expected beforehand.
+double gain_beside_forms(const Problem& problem, const Fit& nominal, const Base& base, const Cause& cause) {
+    const Calibration& c = problem.options.calibration;
+    const ErrorFloor& floor = problem.floor;
+    const Left both = left_under(problem, base.looser, cause.fit, nominal.u.size());
+    const bool fixed = problem.simulator.mechanics().dynamic() || !mechanical(problem, base.known);
+    const double share =
+        problem.simulator.effects()[cause.entries.back()].sensor ? 0.0 : form_share(problem, base.known);
+    const auto part = [&](double alone, double with, double explained, double noise, double model) {
+        const double form =
+            share * std::max(0.0, explained) + (fixed ? 0.0 : c.rest_is_form * std::max(0.0, with - noise - model));
+        const auto above = [&](double cost) { return std::max(0.0, cost - noise) + model + form; };
+        return std::log(above(alone) / above(with));
+    };
+    const Fit& known = base.known.fit;
+    if (!floor.split())
+        return part(base.left.cost, both.cost, nominal.compared_cost() - known.compared_cost(), floor.noise,
+                    floor.model);
+    return part(base.left.inside(), both.inside(),
+                nominal.compared_cost() - nominal.beside - known.compared_cost() + known.beside,
+                floor.noise - floor.noise_beside, floor.model) +
+           part(base.left.beside, both.beside, nominal.beside - known.beside, floor.noise_beside, floor.model_beside);
+}
+
+}  // namespace
+
+double form_error(const Problem& problem, const Fit& nominal, const Cause& known) {
+    return form_share(problem, known) * std::max(0.0, nominal.compared_cost() - known.fit.compared_cost());
 }
 
 void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause) {
@@ -133,25 +169,14 @@ void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause)
         return;
     }
     const ErrorFloor& floor = problem.floor;
+    problem.look_beside(cause.fit);
     cause.score = refit_score(nominal, cause, problem.simulator.effects(), floor, problem.options.calibration);
     cause.explained = explained_share(nominal.compared_cost(), cause.fit.compared_cost(), floor);
     if (base == nullptr) return;
-    // A further effect is worth what it gains beside looser forms of the known ones. What even both leave is an error
-    // of form that the known ones alone have too. A sensor has few and global degrees of freedom: an error of form that
-    // it explains is not expected beforehand.
-    const Calibration& c = problem.options.calibration;
-    const double alone = floor.above(base->misfit),
-                 misfit = misfit_under(problem, base->looser, cause.fit, nominal.u.size()), both = floor.above(misfit),
-                 rest = problem.simulator.mechanics().dynamic() || !mechanical(problem, base->known)
-                            ? 0.0
-                            : std::max(0.0, misfit - floor.total()),
-                 expected = problem.simulator.effects()[cause.entries.back()].sensor
-                                ? 0.0
-                                : form_error(problem, nominal, base->known),
-                 form = expected + c.rest_is_form * rest;
-    const double gain = std::log(floor.above(base->known.misfit) / floor.above(cause.misfit)),
-                 gain_beside_forms = std::log((alone + form) / (both + form));
-    cause.score -= 0.5 * c.nu * std::max(0.0, gain - gain_beside_forms);
+    // A further effect is worth what it gains beside looser forms of the known ones.
+    const double gain = floor.log_above(base->known.left()) - floor.log_above(cause.left());
+    cause.score -= 0.5 * problem.options.calibration.nu *
+                   std::max(0.0, gain - gain_beside_forms(problem, nominal, *base, cause));
 }
 
 Fit fit_from_whole(Problem& problem, const Assumption& start, int iterations) {

@@ -13,7 +13,7 @@ struct Base {
     const Cause& known;
     Whitener looser;            ///< with the columns of their forms
     Fit fit;                    ///< theirs, completed under `looser`
-    double misfit;              ///< of `fit`, misfit_of()
+    Left left;                  ///< of `fit`
     bool sensors_only = false;  ///< what is left is so little that mechanics could be the known effects' error of form
 };
 
@@ -39,8 +39,8 @@ void settle(Problem& problem, Cause& cause, int iterations);
 /// Fills score and explained. `base`: what the cause was searched on top of, or null.
 void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause);
 
-/// misfit_of() a fit under another whitener.
-double misfit_under(const Problem& problem, const Whitener& whitener, const Fit& fit, Eigen::Index nominal_parameters);
+/// What a fit leaves under another whitener, without the price of its effects.
+Left left_under(const Problem& problem, const Whitener& whitener, const Fit& fit, Eigen::Index nominal_parameters);
 
 /// The effect `noise` moves nothing; it is worth the white part of what is left.
 void take_noise(Problem& problem, Fit& fit);

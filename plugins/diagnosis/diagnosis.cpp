@@ -228,6 +228,7 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
         TERES_TRY_ASSIGN(outlook_beside, Outlook::make(recording, effects, options.calibration, true));
         beside.emplace(Problem{*second, problem.recording, options, problem.discrepancy, problem.whitener,
                                problem.floor, outlook_beside.get(), problem.limit});
+        beside->span = problem.span;
         problem.beside = &*beside;
     }
 
@@ -238,7 +239,7 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
         sort_by_score(causes);
     }
     out.confusability = confusability(out.screening, out.nominal.J);
-    const bool something = unknown_gain(out.nominal.compared_cost(), problem.floor, options.calibration) >
+    const bool something = unknown_gain(left_of(out.nominal), problem.floor, options.calibration) >
                            options.calibration.unknown_least() + options.calibration.none_bonus;
     const auto add_more = [&] {
         for (int count = 2; something && count <= options.max_effects; ++count) {
@@ -251,7 +252,7 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
         }
     };
     const auto judge_now = [&] {
-        out.verdict = judge(causes, out.nominal.compared_cost(), problem.floor, options.calibration);
+        out.verdict = judge(causes, left_of(out.nominal), problem.floor, options.calibration);
     };
     judge_now();
     const Cause* best = leading(out.verdict);

@@ -4,6 +4,12 @@
 //
 //     above(c) = max(c - noise, 0) + model
 //     model    = n model_error + share ||(I + J J^T)^-1/2 S^-1/2 D||^2     S^-1/2: without the discrepancy columns D
+//
+// Of the model's error hardly anything lies beside the span of the motion in time (motion_span.h), so what a hypothesis
+// leaves there is compared on its own:
+//
+//     ln above = ln(max(c_in - noise_in, 0) + model) + ln(max(c_beside - noise_beside, 0) + model_beside)
+//     model_beside = small shares of the model's error and of the noise, which may be misstated
 #pragma once
 
 #include <algorithm>
@@ -14,10 +20,29 @@
 
 namespace teres {
 
-struct ErrorFloor {
-    double noise = 0.0;  ///< cost of the stated noise alone
-    double model = 1.0;  ///< more that remains on controls
+/// What a hypothesis leaves.
+struct Left {
+    double cost = 0.0;    ///< whitened
+    double beside = 0.0;  ///< the part of it that lies beside the span of the motion
 
+    Left(double all, double part = 0.0) : cost(all), beside(part) {}
+    double inside() const { return cost - beside; }
+};
+
+struct ErrorFloor {
+    double noise = 0.0;         ///< cost of the stated noise alone
+    double model = 1.0;         ///< more that remains on controls
+    double noise_beside = 0.0;  ///< the part of `noise` beside the span of the motion
+    double model_beside = 0.0;  ///< more that remains there; 0: inside and beside are not told apart
+
+    bool split() const { return model_beside > 0.0; }
+    /// By which hypotheses are compared.
+    double log_above(const Left& left) const;
+    /// What is left where neither part exceeds its noise and `model_share` of the model's error, but for `rest_share` of
+    /// what is beyond.
+    Left reached(const Left& from, double model_share, double rest_share) const;
+    /// `left` with another cost: what is above the noise beside the motion changes like all that is above the noise.
+    Left scaled(const Left& left, double cost) const;
     double above(double cost) const { return std::max(cost - noise, 0.0) + model; }
     double total() const { return noise + model; }
     /// The cost c for which above(c) is this.
@@ -27,5 +52,8 @@ struct ErrorFloor {
 /// J: whitened derivatives of the nominal parameters (the ligaments take up what they can).
 ErrorFloor error_floor(const Whitener& whitener, const Discrepancy& discrepancy, const Eigen::MatrixXd& J,
                        double noise_m, const Calibration& calibration);
+
+/// The same, told apart: `free_share` of the used numbers lies beside the span of the motion.
+ErrorFloor split_floor(ErrorFloor floor, double free_share, const Calibration& calibration);
 
 }  // namespace teres

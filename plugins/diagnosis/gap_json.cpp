@@ -81,7 +81,7 @@ Json confusable(const Cause& cause, const EffectTable& effects, const Diagnosis&
     for (const Cause& other : d.verdict.causes) {
         if (!cause.fit.usable || !other.fit.usable || other.entries.size() != cause.entries.size()) continue;
         const double behind =
-            0.5 * calibration.nu * std::log(d.error_floor.above(other.misfit) / d.error_floor.above(cause.misfit));
+            0.5 * calibration.nu * (d.error_floor.log_above(other.left()) - d.error_floor.log_above(cause.left()));
         if (behind < calibration.same_evidence)
             for (const std::size_t e : other.entries) add(e);
     }
@@ -216,11 +216,15 @@ Json to_json(const Diagnosis& d, const EffectTable& effects, const TrajectoryMod
         {"noise_cost", d.error_floor.noise / used},
         {"model_cost", d.error_floor.model / used},
         {"fits", Json::array()}};
+    json["evidence"]["beside_motion"] = {{"cost_nominal", d.nominal.beside / used},
+                                         {"noise_cost", d.error_floor.noise_beside / used},
+                                         {"model_cost", d.error_floor.model_beside / used}};
     for (const Cause& cause : d.verdict.causes)
         if (cause.fit.usable)
             json["evidence"]["fits"].push_back(
                 {{"effects", names(effects, cause.entries)},
                  {"cost", cause.misfit / used},
+                 {"cost_beside_motion", cause.fit.beside / used},
                  {"cost_beside_forms",
                   cause.misfit_beside_forms ? Json(*cause.misfit_beside_forms / used) : Json(nullptr)},
                  {"model_cost", cause.model_error ? Json(*cause.model_error / used) : Json(nullptr)},  // in its state

@@ -1,7 +1,10 @@
 // One diagnosis' problem: what its stages share, and its nominal fit.
 #pragma once
 
+#include <memory>
+
 #include "plugins/diagnosis/diagnosis.h"
+#include "plugins/diagnosis/motion_span.h"
 #include "plugins/diagnosis/outlook.h"
 #include "plugins/diagnosis/work_limit.h"
 
@@ -39,7 +42,8 @@ struct Problem {
     ErrorFloor floor{};
     Outlook* outlook = nullptr;  ///< null: nothing beyond the fitted frames
     const WorkLimit* limit = nullptr;
-    Problem* beside = nullptr;  ///< the same with a simulator of its own, for a second thread; null: there is none
+    std::shared_ptr<const MotionSpan> span{};  ///< of the nominal motion; null: nothing is told apart by it
+    Problem* beside = nullptr;                 ///< the same with a simulator of its own, for a second thread; null: there is none
 
     double out_of_reach = std::numeric_limits<double>::infinity();  ///< FitOptions, of every fit
     double worst_start = std::numeric_limits<double>::infinity();   ///< misfit: a refit that begins beyond is not made
@@ -62,6 +66,12 @@ struct Problem {
     /// Fills what a fit leaves beyond the fitted frames.
     void look_ahead(Fit& fit) {
         if (outlook != nullptr && fit.usable) fit.later = outlook->later(fit.at, fit.misfit, recording.fit_rows.size());
+    }
+    /// Fills what of a fit lies beside the span of the motion.
+    void look_beside(Fit& fit) const {
+        if (span == nullptr || !fit.usable) return;
+        const double noise = simulator.noise_factor(fit.at);
+        fit.beside = span->beside(fit.residual) / (noise * noise);
     }
     /// Every frame simulated, exact derivatives: the base of a search.
     void complete(Fit& fit) { teres::complete(simulator, whitener, recording.observed, fit); }

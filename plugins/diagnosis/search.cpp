@@ -37,6 +37,9 @@ std::vector<Cause> fit_chosen(Problem& problem, const Fit& nominal, const Base* 
         stage(problem.options, known == nullptr ? "fitting the best effects" : "fitting further effects");
     report(0.0);
     std::vector<Cause> causes;
+    const auto as_screened = [&](const Cause& cause) {
+        return cause.score - told_apart(nominal, cause, problem.floor, problem.options.calibration);
+    };
     const auto settled = [&](const EffectScreening& next) {
         const EffectEntry& entry = problem.simulator.effects()[next.entry];
         if (problem.simulator.mechanics().dynamic() && !entry.sensor) return false;
@@ -44,7 +47,7 @@ std::vector<Cause> fit_chosen(Problem& problem, const Fit& nominal, const Base* 
         if (entry.support() && next.num_candidates == 1) return false;
         const auto best = std::max_element(causes.begin(), causes.end(),
                                            [](const Cause& a, const Cause& b) { return a.score < b.score; });
-        const double lead = best->score - (known != nullptr ? known->score : 0.0) - next.score;
+        const double lead = as_screened(*best) - (known != nullptr ? as_screened(*known) : 0.0) - next.score;
         return lead > 2.0 * kOutOfReach || (lead > kOutOfReach && best->fit.compared_cost() < problem.floor.total());
     };
     for (std::size_t next = 0; next < chosen.size();) {

@@ -31,11 +31,11 @@ Whitener looser_whitener(Problem& problem, const Fit& known) {
 // One effect more than `known`. Nothing if looser forms of that explain what is left; only a sensor if they might.
 // Fills its misfit beside forms.
 std::vector<Cause> search_on_top(Problem& problem, const Fit& nominal, Cause& known) {
-    Base base{known, looser_whitener(problem, known.fit), known.fit, 0.0};
+    Base base{known, looser_whitener(problem, known.fit), known.fit, {0.0}};
     complete(problem.simulator, base.looser, problem.recording.observed, base.fit);
     if (!base.fit.usable) return {};
-    base.misfit = misfit_under(problem, base.looser, base.fit, nominal.u.size());
-    known.misfit_beside_forms = base.misfit;
+    base.left = left_under(problem, base.looser, base.fit, nominal.u.size());
+    known.misfit_beside_forms = base.left.cost;
     const double noise = problem.simulator.noise_factor(known.fit.at);
     const double above = base.fit.cost / (noise * noise) + base.fit.later - problem.floor.total();
     if (above < 0.0) return {};
@@ -123,7 +123,7 @@ void give_to_rivals(Problem& problem, const Fit& nominal, const std::vector<Effe
         larger[k] = refit(p, nominal, trials[k].known, *trials[k].added, kIterations);
         if (larger[k].fit.usable) settle(p, larger[k], kIterations);
         const Fit& alone = trials[k].known->fit;
-        const Base base{*trials[k].known, p.whitener, alone, misfit_under(p, p.whitener, alone, nominal.u.size())};
+        const Base base{*trials[k].known, p.whitener, alone, left_under(p, p.whitener, alone, nominal.u.size())};
         score(p, nominal, &base, larger[k]);
         if (&p == &problem) report(static_cast<double>(k + 1) / static_cast<double>(trials.size()));
     });

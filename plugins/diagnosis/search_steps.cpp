@@ -56,8 +56,10 @@ double out_of_reach(const Problem& problem, const Fit& nominal, const std::vecto
     double best = 0.0;
     for (const Cause& cause : causes) best = std::max(best, cause.score);
     const double gain = best - kOutOfReach + search_cost;
-    return problem.floor.cost_of(problem.floor.above(nominal.cost) *
-                                 std::exp(-2.0 * gain / problem.options.calibration.nu));
+    const ErrorFloor& floor = problem.floor;
+    double most = floor.log_above({nominal.cost, nominal.beside}) - 2.0 * gain / problem.options.calibration.nu;
+    if (floor.split()) most -= std::log(floor.model_beside);  // as if it left nothing beside the motion
+    return floor.cost_of(std::exp(most));
 }
 
 std::vector<Cause> fit_beside(Problem& problem, const Fit& nominal, const Base* base,

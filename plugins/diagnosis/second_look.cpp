@@ -41,7 +41,7 @@ struct Told {
     bool unknown = false;
 };
 Told told_now(const Problem& problem, const Fit& nominal, const std::vector<Cause>& causes) {
-    const Verdict verdict = judge(causes, nominal.compared_cost(), problem.floor, problem.options.calibration);
+    const Verdict verdict = judge(causes, left_of(nominal), problem.floor, problem.options.calibration);
     const Cause& top = verdict.causes.front();
     const bool named = top.probability > std::max(verdict.none_probability, verdict.unknown_probability);
     return {named && explains_most(top) ? top.entries : std::vector<std::size_t>{},

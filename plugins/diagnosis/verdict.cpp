@@ -2,20 +2,18 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 namespace teres {
 namespace {
 
-// Evidence of what leaves `cost`, before its price [nats].
-double gain(double cost_null, double cost, const ErrorFloor& floor, const Calibration& calibration) {
-    return -0.5 * calibration.nu * std::log(floor.above(cost) / floor.above(cost_null));
+// Evidence of what leaves `left`, before its price [nats].
+double gain(const Left& nominal, const Left& left, const ErrorFloor& floor, const Calibration& calibration) {
+    return 0.5 * calibration.nu * (floor.log_above(nominal) - floor.log_above(left));
 }
 
-// Cost that an effect nobody thought of would leave.
-double unexplained(double cost_null, const ErrorFloor& floor, const Calibration& calibration) {
-    const double reached = std::min(floor.noise + calibration.unknown_left * floor.model, cost_null);
-    return reached + calibration.unknown_share * (cost_null - reached);
+// What an effect that nobody thought of would leave.
+Left unexplained(const Left& nominal, const ErrorFloor& floor, const Calibration& calibration) {
+    return floor.reached(nominal, calibration.unknown_left, calibration.unknown_share);
 }
 
 // A radius, a time, a frequency: how large it is to be expected is known, unlike where something is or when it begins.
@@ -23,20 +21,25 @@ bool is_scale(const EffectParameter& p) {
     return p.role == EffectRole::kShape && p.transform == EffectTransform::kLog;
 }
 
-// The best fitted cause whose evidence outweighs its price and that leaves no more than `most`, or null.
-const Cause* best_fitted(const std::vector<Cause>& causes, double most = std::numeric_limits<double>::infinity()) {
+// The best fitted cause whose evidence outweighs its price and that is `wanted`, or null.
+template <class Wanted>
+const Cause* best_fitted(const std::vector<Cause>& causes, const Wanted& wanted) {
     const Cause* best = nullptr;
     for (const Cause& cause : causes)
-        if (cause.fit.usable && cause.score > 0.0 && cause.misfit <= most &&
-            (best == nullptr || cause.score > best->score))
+        if (cause.fit.usable && cause.score > 0.0 && wanted(cause) && (best == nullptr || cause.score > best->score))
             best = &cause;
     return best;
+}
+const Cause* best_fitted(const std::vector<Cause>& causes) {
+    return best_fitted(causes, [](const Cause&) { return true; });
 }
 
 // Price of the best cause that leaves no more than `rest`; if there is none, of the best one at all. Without what it
 // pays for scales that are not its own: that speaks for something else.
-double price_of_rival(const std::vector<Cause>& causes, double rest, const Calibration& calibration) {
-    const Cause* rival = best_fitted(causes, rest);
+double price_of_rival(const std::vector<Cause>& causes, const Left& rest, const ErrorFloor& floor,
+                      const Calibration& calibration) {
+    const double most = floor.log_above(rest);
+    const Cause* rival = best_fitted(causes, [&](const Cause& c) { return floor.log_above(c.left()) <= most; });
     if (rival == nullptr) rival = best_fitted(causes);
     if (rival == nullptr) return 0.0;
     const double price = rival->price.total() - rival->price.scales;
@@ -45,15 +48,15 @@ double price_of_rival(const std::vector<Cause>& causes, double rest, const Calib
 
 // What looser forms of the best cause would explain besides, or what a rough form is expected to leave [nats]: no
 // evidence for something else.
-double forms_of_best(const std::vector<Cause>& causes, double cost_null, const ErrorFloor& floor,
+double forms_of_best(const std::vector<Cause>& causes, const Left& nominal, const ErrorFloor& floor,
                      const Calibration& calibration) {
     const Cause* best = best_fitted(causes);
     if (best == nullptr) return 0.0;
     double without = best->misfit_beside_forms.value_or(best->misfit);
     if (best->rough_form)
         without = std::min(
-            without, best->misfit - calibration.form_error_local_support * std::max(0.0, cost_null - best->misfit));
-    return std::max(0.0, gain(best->misfit, without, floor, calibration));
+            without, best->misfit - calibration.form_error_local_support * std::max(0.0, nominal.cost - best->misfit));
+    return std::max(0.0, gain(best->left(), floor.scaled(best->left(), without), floor, calibration));
 }
 
 // Whatever acts on the body takes it to about the state that it is in under the best cause: what the model may be off
@@ -72,6 +75,14 @@ double visible_evidence(double score) {
 }
 
 }  // namespace
+
+double told_apart(const Fit& nominal, const Cause& cause, const ErrorFloor& floor, const Calibration& calibration) {
+    if (!cause.fit.usable) return 0.0;
+    ErrorFloor together = floor;
+    together.model_beside = 0.0;
+    return gain(left_of(nominal), cause.left(), floor, calibration) -
+           gain(left_of(nominal), cause.left(), together, calibration);
+}
 
 double misfit_of(const Fit& fit, Eigen::Index nominal_parameters) {
     return fit.compared_cost() - fit.u.tail(fit.u.size() - nominal_parameters).squaredNorm();
@@ -116,7 +127,7 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
     cause.rough_form =
         std::any_of(cause.entries.begin(), cause.entries.end(), [&](std::size_t e) { return effects[e].rough_form(); });
     cause.misfit = misfit_of(fit, theta);
-    return gain(nominal.compared_cost(), cause.misfit, floor, calibration) - cause.price.total();
+    return gain(left_of(nominal), cause.left(), floor, calibration) - cause.price.total();
 }
 
 double explained_share(double cost_null, double cost, const ErrorFloor& floor) {
@@ -124,18 +135,18 @@ double explained_share(double cost_null, double cost, const ErrorFloor& floor) {
     return excess <= 0.0 ? 0.0 : std::clamp((cost_null - cost) / excess, 0.0, 1.0);
 }
 
-double unknown_gain(double cost_null, const ErrorFloor& floor, const Calibration& calibration) {
-    return gain(cost_null, unexplained(cost_null, floor, calibration), floor, calibration);
+double unknown_gain(const Left& nominal, const ErrorFloor& floor, const Calibration& calibration) {
+    return gain(nominal, unexplained(nominal, floor, calibration), floor, calibration);
 }
 
-Verdict judge(std::vector<Cause> causes, double cost_null, const ErrorFloor& floor, const Calibration& calibration) {
+Verdict judge(std::vector<Cause> causes, const Left& nominal, const ErrorFloor& floor, const Calibration& calibration) {
     Verdict verdict;
     const ErrorFloor there = floor_under_best(causes, floor);
-    const double rest = unexplained(cost_null, there, calibration);
-    const double beyond = gain(cost_null, rest, floor, calibration);
+    const Left rest = unexplained(nominal, there, calibration);
+    const double beyond = gain(nominal, rest, floor, calibration);
     const double least = calibration.unknown_least();
-    const double price = std::max(least, price_of_rival(causes, rest, calibration) + calibration.unknown_rarity);
-    const double unknown = visible_evidence(beyond - price - forms_of_best(causes, cost_null, floor, calibration));
+    const double price = std::max(least, price_of_rival(causes, rest, floor, calibration) + calibration.unknown_rarity);
+    const double unknown = visible_evidence(beyond - price - forms_of_best(causes, nominal, floor, calibration));
 
     // Which cause, if there is one.
     double top = unknown;
@@ -143,7 +154,7 @@ Verdict judge(std::vector<Cause> causes, double cost_null, const ErrorFloor& flo
     double sum = std::exp(unknown - top);
     for (const Cause& cause : causes) sum += std::exp(visible_evidence(cause.score) - top);
     // Whether there is one.
-    const double not_ours = gain(cost_null, std::min(floor.total(), cost_null), floor, calibration);
+    const double not_ours = gain(nominal, floor.reached(nominal, 1.0, 0.0), floor, calibration);
     const double something =
         std::min(std::max(top + std::log(sum), beyond - least), not_ours + calibration.within_floor);
     verdict.none_probability = 1.0 / (1.0 + std::exp(something - calibration.none_bonus));

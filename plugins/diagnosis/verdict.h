@@ -1,11 +1,11 @@
 // From fitted hypotheses to probabilities. One scale-free score per answer [nats]:
 //
-//     cause c:   -(nu/2) ln(above_c / above_0) - price_c,
+//     cause c:   -(nu/2) (ln above_c - ln above_0) - price_c,
 //                price_c = tail(a) + sum tail(scale) + max(search_c, narrow_c) + 1/2 ln|I + (nu/above_f) S_c|
 //                          + that of further effects,
 //                above_f: at the floor, or at c if that is below: what leaves much does not pay less for it,
 //                narrow_c: what 1/2 ln|I + ...| grows by when places and times count beside the amplitudes
-//     unknown:   g - price_u,   g = -(nu/2) ln(rest / above_0), rest = what right causes leave: a share of the model
+//     unknown:   g - price_u,   g = -(nu/2) (ln above_rest - ln above_0), rest = what right causes leave: a share of the model
 //                error + a share of what is beyond it,
 //                price_u = that of the best cause that leaves no more than it, or else of
 //                the best, but for what that pays for its scales: an effect that nobody thought of is not simpler than
@@ -52,6 +52,7 @@ struct Cause {
     Fit fit;                   ///< of the refit; not usable if only screened
     double search_cost = 0.0;  ///< sum over its effects
     double misfit = 0.0;       ///< of a fitted cause: whitened cost without the price of its amplitudes
+    Left left() const { return {misfit, fit.beside}; }
     /// The same where what its effects may get wrong of their form is not held against it (form_columns.h): known if
     /// more was searched on top of it.
     std::optional<double> misfit_beside_forms{};
@@ -71,6 +72,11 @@ struct Verdict {
     double unknown_probability = 0.0;
 };
 
+/// Of the score of a fitted cause, what it has because parts inside and beside the span of the motion are told apart:
+/// the screening does not.
+double told_apart(const Fit& nominal, const Cause& cause, const ErrorFloor& floor, const Calibration& calibration);
+/// What is left of the nominal fit.
+inline Left left_of(const Fit& nominal) { return {nominal.compared_cost(), nominal.beside}; }
 /// Whitened cost of a fit without the price of its effects' parameters.
 double misfit_of(const Fit& fit, Eigen::Index nominal_parameters);
 /// Score of a refitted cause against the nominal fit; fills misfit and price.
@@ -79,8 +85,8 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
 /// Share of the nominal cost above the floor explained by `cost`.
 double explained_share(double cost_null, double cost, const ErrorFloor& floor);
 /// What an effect that nobody thought of would gain [nats], before its price.
-double unknown_gain(double cost_null, const ErrorFloor& floor, const Calibration& calibration);
+double unknown_gain(const Left& nominal, const ErrorFloor& floor, const Calibration& calibration);
 /// Fills probabilities and sorts.
-Verdict judge(std::vector<Cause> causes, double cost_null, const ErrorFloor& floor, const Calibration& calibration);
+Verdict judge(std::vector<Cause> causes, const Left& nominal, const ErrorFloor& floor, const Calibration& calibration);
 
 }  // namespace teres

@@ -122,6 +122,25 @@ TEST(Verdict, AScaleFarFromWhatIsExpectedHasItsPrice) {
     EXPECT_NEAR(priced(0.0, 0.0).second - score, far, 1e-9);
 }
 
+// A heartbeat leaves what the loads move as it is (4 of 10; the model may be off by 4) and takes away the 6 that have a
+// course of their own, of which the model's error explains 0.1: 22.5 ln(6.1 / 0.1) nats more than its price.
+TEST(Verdict, WhatHasACourseOfItsOwnIsNotTheModelsError) {
+    const ErrorFloor floor{.noise = 0.0, .model = 4.0, .noise_beside = 0.0, .model_beside = 0.1};
+    const Left nominal(10.0, 6.0);
+    Fit without;
+    without.cost = nominal.cost;
+    without.beside = nominal.beside;
+    Cause heart = fitted({0}, 4.0, 25.0);
+    const auto evidence = [&](const ErrorFloor& by) { return 22.5 * (by.log_above(nominal) - by.log_above({4.0, 0.0})); };
+    heart.score = evidence(floor) - 25.0;
+    EXPECT_NEAR(evidence(floor), 22.5 * std::log(6.1 / 0.1), 1e-9);
+    EXPECT_NEAR(told_apart(without, heart, floor, {}), evidence(floor) - 22.5 * std::log(14.0 / 8.0), 1e-9);
+    EXPECT_GT(probability_of(judge({heart}, nominal, floor, {}), {0}), 0.5);
+    const ErrorFloor together{0.0, 4.0};
+    heart.score = evidence(together) - 25.0;
+    EXPECT_LT(probability_of(judge({heart}, nominal, together, {}), {0}), 0.1);
+}
+
 // ... but at 35 nats, more than any single effect costs, one that nobody thought of is likelier.
 TEST(Verdict, APairDearerThanAnySingleEffectIsUnknown) {
     const Cause single = fitted({0}, 9.0, 5.0), pair = fitted({0, 1}, 1.0, 35.0);
