@@ -175,8 +175,8 @@ void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause)
     if (base == nullptr) return;
     // A further effect is worth what it gains beside looser forms of the known ones.
     const double gain = floor.log_above(base->known.left()) - floor.log_above(cause.left());
-    cause.score -= 0.5 * problem.options.calibration.nu *
-                   std::max(0.0, gain - gain_beside_forms(problem, nominal, *base, cause));
+    cause.score -=
+        0.5 * problem.options.calibration.nu * std::max(0.0, gain - gain_beside_forms(problem, nominal, *base, cause));
 }
 
 Fit fit_from_whole(Problem& problem, const Assumption& start, int iterations) {

@@ -201,7 +201,8 @@ void weigh_state(Problem& problem, const Fit& nominal, std::vector<Cause>& cause
     Assumption state = best->fit.at;
     std::erase_if(state.effects, [&](const ActiveEffect& a) { return problem.simulator.effects()[a.entry].sensor; });
     if (state.effects.empty()) return;
-    const auto error = discrepancy_about(problem.simulator, state, stage(problem.options, "model error under the best"));
+    const auto error =
+        discrepancy_about(problem.simulator, state, stage(problem.options, "model error under the best"));
     if (!error) return;
     best->model_error = error_floor(problem.whitener, *error, best->fit.J.leftCols(nominal.u.size()),
                                     problem.recording.noise_m, problem.options.calibration)

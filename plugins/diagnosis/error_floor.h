@@ -38,8 +38,8 @@ struct ErrorFloor {
     bool split() const { return model_beside > 0.0; }
     /// By which hypotheses are compared.
     double log_above(const Left& left) const;
-    /// What is left where neither part exceeds its noise and `model_share` of the model's error, but for `rest_share` of
-    /// what is beyond.
+    /// What is left where neither part exceeds its noise and `model_share` of the model's error, but for `rest_share`
+    /// of what is beyond.
     Left reached(const Left& from, double model_share, double rest_share) const;
     /// `left` with another cost: what is above the noise beside the motion changes like all that is above the noise.
     Left scaled(const Left& left, double cost) const;

@@ -25,8 +25,8 @@ Json names(const EffectTable& effects, const std::vector<std::size_t>& entries) 
     return list;
 }
 
-// A choice is not fitted: an instant lies between two frames (uniformly), a number is what it is. So does the instant of
-// a static event, of which derivatives say nothing: every other was tried.
+// A choice is not fitted: an instant lies between two frames (uniformly), a number is what it is. So does the instant
+// of a static event, of which derivatives say nothing: every other was tried.
 double choice_stdev(const EffectParameter& parameter, const TrajectoryModel& model) {
     const std::size_t last = model.num_frames() - 1;
     if (std::string_view(parameter.unit) != "s" || last == 0) return 0.0;

@@ -36,9 +36,9 @@ struct Fit {
     Eigen::MatrixXd T;           ///< how far the settled coordinates follow: 1, along a surface its projector
     double cost = 0.0;           ///< |residual|^2 + |u|^2 over nominal parameters + |u|^2 over effect parameters
     double misfit = 0.0;         ///< |residual|^2
-    double beside = 0.0;         ///< of misfit, what lies beside the span of the motion (motion_span.h), where told apart
-    double later = 0.0;          ///< what it leaves beyond the fitted frames (Outlook), 0: nothing is known of them
-    bool usable = false;         ///< the simulation converged
+    double beside = 0.0;  ///< of misfit, what lies beside the span of the motion (motion_span.h), where told apart
+    double later = 0.0;   ///< what it leaves beyond the fitted frames (Outlook), 0: nothing is known of them
+    bool usable = false;  ///< the simulation converged
 
     /// By which hypotheses are compared.
     double compared_cost() const { return cost + later; }

@@ -1,9 +1,9 @@
-// What of a residual the error of our own model cannot be. Without inertia that error follows from where the loads stand,
-// so that in time it is made of what the motion under these loads is made of:
+// What of a residual the error of our own model cannot be. Without inertia that error follows from where the loads
+// stand, so that in time it is made of what the motion under these loads is made of:
 //
 //     e(t) = E b(t),   b(t): a constant and the leading temporal modes of the nominal motion
 //
-// A heartbeat, a breath, a jump or a drift has a course of its own; what of it lies beside span b is noise or an effect.
+// A heartbeat, a breath, a jump, a drift has a course of its own; what of it lies beside span b is noise or an effect.
 #pragma once
 
 #include <Eigen/Dense>

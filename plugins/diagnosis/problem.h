@@ -43,7 +43,7 @@ struct Problem {
     Outlook* outlook = nullptr;  ///< null: nothing beyond the fitted frames
     const WorkLimit* limit = nullptr;
     std::shared_ptr<const MotionSpan> span{};  ///< of the nominal motion; null: nothing is told apart by it
-    Problem* beside = nullptr;                 ///< the same with a simulator of its own, for a second thread; null: there is none
+    Problem* beside = nullptr;  ///< the same with a simulator of its own, for a second thread; null: there is none
 
     double out_of_reach = std::numeric_limits<double>::infinity();  ///< FitOptions, of every fit
     double worst_start = std::numeric_limits<double>::infinity();   ///< misfit: a refit that begins beyond is not made

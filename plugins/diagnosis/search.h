@@ -16,9 +16,9 @@ inline std::size_t beginning_of(const Recording& recording) {
 /// score.
 std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base, Screening& screening);
 
-/// Before several effects are named, supports among them (contact, slackness) get a fit that starts at full size; before
-/// `unknown` is said, all of them (a tear too), and, unless a single effect explains nearly everything, effects that look
-/// worse at first order than they are their fit. True: the best of `causes` is a new one.
+/// Before several effects are named, supports among them (contact, slackness) get a fit that starts at full size;
+/// before `unknown` is said, all of them (a tear too), and, unless a single effect explains nearly everything, effects
+/// that look worse at first order than they are their fit. True: the best of `causes` is a new one.
 bool look_again(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes);
 
 }  // namespace teres

@@ -119,8 +119,8 @@ bool look_again(Problem& problem, const Fit& nominal, const Screening& screening
         const bool fitted = fitted_alone(causes, entry) != nullptr;
         if (!effect.support()) return false;
         if (offset) return !fitted && !effect.info.event;
-        return fitted && (told.named.empty() ||
-                          std::find(told.named.begin(), told.named.end(), entry) != told.named.end());
+        return fitted &&
+               (told.named.empty() || std::find(told.named.begin(), told.named.end(), entry) != told.named.end());
     };
     std::vector<const EffectScreening*> supports;
     for (const EffectScreening& effect : screening.effects)

@@ -5,11 +5,11 @@
 //                          + that of further effects,
 //                above_f: at the floor, or at c if that is below: what leaves much does not pay less for it,
 //                narrow_c: what 1/2 ln|I + ...| grows by when places and times count beside the amplitudes
-//     unknown:   g - price_u,   g = -(nu/2) (ln above_rest - ln above_0), rest = what right causes leave: a share of the model
-//                error + a share of what is beyond it,
-//                price_u = that of the best cause that leaves no more than it, or else of
-//                the best, but for what that pays for its scales: an effect that nobody thought of is not simpler than
-//                those one did, nor dearer than any single one, nor is it bent into place; besides that it is rarer
+//     unknown:   g - price_u,   g = -(nu/2) (ln above_rest - ln above_0), rest = what right causes leave: a share of
+//                the model error + a share of what is beyond it,
+//                price_u = that of the best cause that leaves no more than it, or else of the best, but for what that
+//                pays for its scales: an effect that nobody thought of is not simpler than those one did, nor dearer
+//                than any single one, nor is it bent into place; besides that it is rarer
 //     none:      bonus against the larger of ln sum exp(scores) and g - least price: that something is amiss may be
 //                certain before anything is named
 //
@@ -40,19 +40,18 @@ struct Price {
     double total() const { return tail + scales + occam + search + narrow + further; }
 };
 
-/// A set of effects that was fitted (or only screened).
 /// Where the last effect of a cause may be as well.
 struct OtherPlace {
     std::array<double, 3> center_m;
     double odds = 0.0;  ///< its probability over that of the cause's own place
 };
 
+/// A set of effects that was fitted (or only screened).
 struct Cause {
     std::vector<std::size_t> entries;
     Fit fit;                   ///< of the refit; not usable if only screened
     double search_cost = 0.0;  ///< sum over its effects
     double misfit = 0.0;       ///< of a fitted cause: whitened cost without the price of its amplitudes
-    Left left() const { return {misfit, fit.beside}; }
     /// The same where what its effects may get wrong of their form is not held against it (form_columns.h): known if
     /// more was searched on top of it.
     std::optional<double> misfit_beside_forms{};
@@ -64,6 +63,8 @@ struct Cause {
     double probability = 0.0;
     double explained = 0.0;                  ///< share of the cost above the floor that it takes away
     std::vector<OtherPlace> other_places{};  ///< most likely first
+
+    Left left() const { return {misfit, fit.beside}; }
 };
 
 struct Verdict {
@@ -76,7 +77,9 @@ struct Verdict {
 /// the screening does not.
 double told_apart(const Fit& nominal, const Cause& cause, const ErrorFloor& floor, const Calibration& calibration);
 /// What is left of the nominal fit.
-inline Left left_of(const Fit& nominal) { return {nominal.compared_cost(), nominal.beside}; }
+inline Left left_of(const Fit& nominal) {
+    return {nominal.compared_cost(), nominal.beside};
+}
 /// Whitened cost of a fit without the price of its effects' parameters.
 double misfit_of(const Fit& fit, Eigen::Index nominal_parameters);
 /// Score of a refitted cause against the nominal fit; fills misfit and price.

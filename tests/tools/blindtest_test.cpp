@@ -430,7 +430,8 @@ TEST_F(SmallCases, AreTheSameForTheSameSeedAndSealed) {
                 ::testing::HasSubstr("\"body\":\"11/0 "));  // so that results of several seeds merge
     // A set that was stopped after its first case.
     const std::string seal = *read_text_file(one.path() / "seal-0-of-1.sha256");
-    std::ofstream(one.path() / "seal-0-of-1.sha256") << seal.substr(0, seal.find('\n', seal.find("c0000/validation")) + 1);
+    std::ofstream(one.path() / "seal-0-of-1.sha256")
+        << seal.substr(0, seal.find('\n', seal.find("c0000/validation")) + 1);
     const test::Run part = test::run_teres(score);
     EXPECT_EQ(part.exit_code, 0) << part.error;
     EXPECT_THAT(part.output, ::testing::HasSubstr("1 of 2 cases were not made"));

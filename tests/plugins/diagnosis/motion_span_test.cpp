@@ -40,14 +40,15 @@ std::vector<Eigen::Index> all_rows() {
 TEST(MotionSpan, HoldsAConstantAndTheCoursesOfTheLoads) {
     const MotionSpan span(two_loads(), kChannels, all_rows());
     EXPECT_EQ(span.degrees(), static_cast<double>((kFrames - 3) * kChannels));
-    const Eigen::VectorXd error =
-        course([](Eigen::Index f, Eigen::Index c) { return 2.0 - wave(f, 3.0) + static_cast<double>(c) * wave(f, 2.0); });
+    const Eigen::VectorXd error = course(
+        [](Eigen::Index f, Eigen::Index c) { return 2.0 - wave(f, 3.0) + static_cast<double>(c) * wave(f, 2.0); });
     EXPECT_NEAR(span.beside(error), 0.0, 1e-9);
 }
 
 TEST(MotionSpan, ACourseOfItsOwnLiesBesideIt) {
     const MotionSpan span(two_loads(), kChannels, all_rows());
-    const Eigen::VectorXd heart = course([](Eigen::Index f, Eigen::Index c) { return c == 1 ? 3.0 * wave(f, 13.0) : 0.0; });
+    const Eigen::VectorXd heart =
+        course([](Eigen::Index f, Eigen::Index c) { return c == 1 ? 3.0 * wave(f, 13.0) : 0.0; });
     EXPECT_NEAR(span.beside(heart), 9.0 * kFrames / 2.0, 1e-9);
     const Eigen::VectorXd both = heart + course([](Eigen::Index f, Eigen::Index) { return 5.0 * wave(f, 2.0) - 1.0; });
     EXPECT_NEAR(span.beside(both), 9.0 * kFrames / 2.0, 1e-9);
