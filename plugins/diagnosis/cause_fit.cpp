@@ -31,8 +31,7 @@ Left left_under(const Problem& problem, const Whitener& whitener, const Fit& fit
     const double noise = problem.simulator.noise_factor(fit.at);
     const Eigen::VectorXd residual = whitener(problem.residual_of(fit.trajectory));
     const double misfit = residual.squaredNorm() + fit.u.head(nominal_parameters).squaredNorm();
-    return {misfit / (noise * noise) + fit.later,
-            problem.span != nullptr ? problem.span->beside(residual) / (noise * noise) : 0.0};
+    return {misfit / (noise * noise) + fit.later, problem.beside_span(fit.at, residual)};
 }
 
 void take_noise(Problem& problem, Fit& fit) {

@@ -24,7 +24,7 @@ Eigen::MatrixXd temporal_basis(const Eigen::VectorXd& motion, Eigen::Index chann
 
 }  // namespace
 
-MotionSpan::MotionSpan(const Eigen::VectorXd& motion, std::size_t channels, std::vector<Eigen::Index> rows)
+MotionSpan::MotionSpan(const Eigen::VectorXd& motion, std::size_t channels, const std::vector<Eigen::Index>& rows)
     : channels_(channels) {
     const auto count = static_cast<Eigen::Index>(channels);
     const Eigen::MatrixXd basis = temporal_basis(motion, count);

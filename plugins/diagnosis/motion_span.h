@@ -14,7 +14,7 @@ namespace teres {
 class MotionSpan {
   public:
     /// `motion`: 3 M F rows, finite [m]; `rows`: the used entries of it, ascending.
-    MotionSpan(const Eigen::VectorXd& motion, std::size_t channels, std::vector<Eigen::Index> rows);
+    MotionSpan(const Eigen::VectorXd& motion, std::size_t channels, const std::vector<Eigen::Index>& rows);
 
     /// |r - projection|^2 of whitened residuals, one per used row: each channel on its own, over its used frames.
     double beside(const Eigen::VectorXd& residual) const;

@@ -67,11 +67,13 @@ struct Problem {
     void look_ahead(Fit& fit) {
         if (outlook != nullptr && fit.usable) fit.later = outlook->later(fit.at, fit.misfit, recording.fit_rows.size());
     }
-    /// Fills what of a fit lies beside the span of the motion.
+    /// What of a whitened residual under an assumption lies beside the span of the motion; 0 where that is not told.
+    double beside_span(const Assumption& at, const Eigen::VectorXd& residual) const {
+        const double noise = simulator.noise_factor(at);
+        return span != nullptr ? span->beside(residual) / (noise * noise) : 0.0;
+    }
     void look_beside(Fit& fit) const {
-        if (span == nullptr || !fit.usable) return;
-        const double noise = simulator.noise_factor(fit.at);
-        fit.beside = span->beside(fit.residual) / (noise * noise);
+        if (fit.usable) fit.beside = beside_span(fit.at, fit.residual);
     }
     /// Every frame simulated, exact derivatives: the base of a search.
     void complete(Fit& fit) { teres::complete(simulator, whitener, recording.observed, fit); }
