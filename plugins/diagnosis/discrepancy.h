@@ -28,8 +28,8 @@ struct Discrepancy {
 /// does not converge there.
 Result<Discrepancy> discrepancy_about(Simulator& simulator, const Assumption& at, const Simulator::Progress& progress);
 
-/// At the prior median, where it leaves the simulator's base. `cache`: folder, created if needed; empty: nothing is kept.
-/// `key` names body, loads, markers and settings. Errors (kNotUsable): the nominal model does not converge there.
+/// At the prior median, where it leaves the simulator's base. `cache`: folder, created if needed; empty: nothing is
+/// kept. `key` names body, loads, markers and settings. Errors (kNotUsable): the nominal model does not converge there.
 Result<Discrepancy> discrepancy_of(Simulator& simulator, const std::filesystem::path& cache, std::uint64_t key,
                                    const Simulator::Progress& progress);
 

@@ -73,9 +73,6 @@ struct Verdict {
     double unknown_probability = 0.0;
 };
 
-/// Of the score of a fitted cause, what it has because parts inside and beside the span of the motion are told apart:
-/// the screening does not.
-double told_apart(const Fit& nominal, const Cause& cause, const ErrorFloor& floor, const Calibration& calibration);
 /// What is left of the nominal fit.
 inline Left left_of(const Fit& nominal) {
     return {nominal.compared_cost(), nominal.beside};
