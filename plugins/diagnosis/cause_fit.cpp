@@ -138,28 +138,25 @@ double gain_beside_forms(const Problem& problem, const Fit& nominal, const Base&
     const ErrorFloor& floor = problem.floor;
     const Left both = left_under(problem, base.looser, cause.fit, nominal.u.size());
     const bool fixed = problem.simulator.mechanics().dynamic() || !mechanical(problem, base.known);
-    const double share =
-        problem.simulator.effects()[cause.entries.back()].sensor ? 0.0 : form_share(problem, base.known);
-    const auto part = [&](double alone, double with, double explained, double noise, double model) {
-        const double form =
-            share * std::max(0.0, explained) + (fixed ? 0.0 : c.rest_is_form * std::max(0.0, with - noise - model));
+    const bool sensor = problem.simulator.effects()[cause.entries.back()].sensor;
+    const Left expected = sensor ? Left(0.0) : form_error(problem, nominal, base.known);
+    const auto part = [&](double alone, double with, double of_form, double noise, double model) {
+        const double form = of_form + (fixed ? 0.0 : c.rest_is_form * std::max(0.0, with - noise - model));
         const auto above = [&](double cost) { return std::max(0.0, cost - noise) + model + form; };
         return std::log(above(alone) / above(with));
     };
-    const Fit& known = base.known.fit;
-    if (!floor.split())
-        return part(base.left.cost, both.cost, nominal.compared_cost() - known.compared_cost(), floor.noise,
-                    floor.model);
-    return part(base.left.inside(), both.inside(),
-                nominal.compared_cost() - nominal.beside - known.compared_cost() + known.beside,
-                floor.noise - floor.noise_beside, floor.model) +
-           part(base.left.beside, both.beside, nominal.beside - known.beside, floor.noise_beside, floor.model_beside);
+    if (!floor.split()) return part(base.left.cost, both.cost, expected.cost, floor.noise, floor.model);
+    return part(base.left.inside(), both.inside(), expected.inside(), floor.noise - floor.noise_beside, floor.model) +
+           part(base.left.beside, both.beside, expected.beside, floor.noise_beside, floor.model_beside);
 }
 
 }  // namespace
 
-double form_error(const Problem& problem, const Fit& nominal, const Cause& known) {
-    return form_share(problem, known) * std::max(0.0, nominal.compared_cost() - known.fit.compared_cost());
+Left form_error(const Problem& problem, const Fit& nominal, const Cause& known) {
+    const double share = form_share(problem, known);
+    const Left before = left_of(nominal), after = left_of(known.fit);
+    const double beside = share * std::max(0.0, before.beside - after.beside);
+    return {share * std::max(0.0, before.inside() - after.inside()) + beside, beside};
 }
 
 void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause) {

@@ -57,7 +57,7 @@ const Cause* fitted_alone(const std::vector<Cause>& causes, std::size_t entry);
 /// Best score first.
 void sort_by_score(std::vector<Cause>& causes);
 
-/// Cost that `known` may leave because a mechanical effect never has quite the form of the catalogue's.
-double form_error(const Problem& problem, const Fit& nominal, const Cause& known);
+/// What `known` may leave because a mechanical effect never has quite the form of the catalogue's.
+Left form_error(const Problem& problem, const Fit& nominal, const Cause& known);
 
 }  // namespace teres

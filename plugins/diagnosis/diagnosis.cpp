@@ -246,9 +246,8 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
         for (int count = 2; something && count <= options.max_effects; ++count) {
             // With inertia, what is left after many periods shows what stands for what.
             const Cause& best = causes.front();
-            const bool enough =
-                count > 2 && best.explained > kNearlyAll &&
-                (!problem.simulator.mechanics().dynamic() || best.fit.compared_cost() < problem.floor.total());
+            const bool enough = count > 2 && best.explained > kNearlyAll &&
+                                (!problem.simulator.mechanics().dynamic() || problem.floor.explains(left_of(best.fit)));
             if (enough || problem.out_of_time() || !search_further(problem, out.nominal, out.screening, causes)) break;
         }
     };
@@ -260,8 +259,8 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
     if (!causes.empty() && !fails_later(problem, best)) {
         add_more();
         judge_now();
-        if (!fails_later(problem, out.named()) && out.nominal.cost > problem.floor.total() && !problem.out_of_time() &&
-            look_again(problem, out.nominal, out.screening, causes)) {
+        if (!fails_later(problem, out.named()) && !problem.floor.explains(left_of(out.nominal)) &&
+            !problem.out_of_time() && look_again(problem, out.nominal, out.screening, causes)) {
             add_more();
             judge_now();
         }

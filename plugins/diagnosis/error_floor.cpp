@@ -10,6 +10,12 @@ double ErrorFloor::log_above(const Left& left) const {
            std::log(std::max(left.beside - noise_beside, 0.0) + model_beside);
 }
 
+Left ErrorFloor::beyond(const Left& left) const {
+    if (!split()) return {std::max(0.0, left.cost - total())};
+    const double beside = std::max(0.0, left.beside - noise_beside - model_beside);
+    return {std::max(0.0, left.inside() - (noise - noise_beside) - model) + beside, beside};
+}
+
 Left ErrorFloor::reached(const Left& from, double model_share, double rest_share) const {
     const auto part = [&](double cost, double of_noise, double of_model) {
         const double least = std::min(of_noise + model_share * of_model, cost);

@@ -43,6 +43,9 @@ struct ErrorFloor {
     Left reached(const Left& from, double model_share, double rest_share) const;
     /// `left` with another cost: what is above the noise beside the motion changes like all that is above the noise.
     Left scaled(const Left& left, double cost) const;
+    /// What of it noise and the model's error do not explain, each part on its own.
+    Left beyond(const Left& left) const;
+    bool explains(const Left& left) const { return beyond(left).cost <= 0.0; }
     double above(double cost) const { return std::max(cost - noise, 0.0) + model; }
     double total() const { return noise + model; }
     /// The cost c for which above(c) is this.

@@ -108,8 +108,8 @@ struct Weighed {
 // The residual at the prior mean of the nuisance J, and the signatures G, in its metric (I + J J^T)^-1. `span`: null
 // where inside and beside it are not told apart.
 struct Residual {
-    Residual(Eigen::MatrixXd signatures, const Fit& base, Eigen::Index used, const MotionSpan* span)
-        : G(std::move(signatures)), span(span) {
+    Residual(Eigen::MatrixXd signatures, const Fit& base, Eigen::Index used, const MotionSpan* told_apart_by)
+        : G(std::move(signatures)), span(told_apart_by) {
         const Eigen::MatrixXd J = base.J.topRows(used);
         const NuisanceMetric metric(J);
         const Eigen::VectorXd r = base.residual.head(used) + J * base.u;

@@ -37,9 +37,10 @@ std::vector<Cause> search_on_top(Problem& problem, const Fit& nominal, Cause& kn
     base.left = left_under(problem, base.looser, base.fit, nominal.u.size());
     known.misfit_beside_forms = base.left.cost;
     const double noise = problem.simulator.noise_factor(known.fit.at);
-    const double above = base.fit.cost / (noise * noise) + base.fit.later - problem.floor.total();
-    if (above < 0.0) return {};
-    base.sensors_only = above < form_error(problem, nominal, known);
+    const Left left{base.fit.cost / (noise * noise) + base.fit.later, base.left.beside};
+    if (problem.floor.explains(left)) return {};
+    const Left beyond = problem.floor.beyond(left), form = form_error(problem, nominal, known);
+    base.sensors_only = beyond.inside() <= form.inside() && beyond.beside <= form.beside;
     Screening screening;
     return search(problem, nominal, &base, screening);
 }
@@ -66,7 +67,7 @@ Cause without_first(Problem& problem, const Fit& nominal, const Cause& larger, c
 }
 
 bool suffices(const Problem& problem, const Cause& cause) {
-    return cause.fit.usable && cause.fit.compared_cost() < problem.floor.total();
+    return cause.fit.usable && problem.floor.explains(left_of(cause.fit));
 }
 
 // Whether something else may stand for the first effect: the second must explain something beside it.

@@ -21,7 +21,7 @@ Cause* placed_rival(const Problem& problem, const Screening& screening, const st
         });
     };
     const Cause& best = *fitted.front();
-    if (best.fit.compared_cost() < problem.floor.total() || has_places(&best)) return nullptr;
+    if (problem.floor.explains(left_of(best.fit)) || has_places(&best)) return nullptr;
     const auto rival = std::find_if(fitted.begin() + 1, fitted.end(), has_places);
     return rival != fitted.end() && (*rival)->score > best.score - kOutOfReach ? *rival : nullptr;
 }
@@ -57,7 +57,7 @@ double out_of_reach(const Problem& problem, const Fit& nominal, const std::vecto
     for (const Cause& cause : causes) best = std::max(best, cause.score);
     const double gain = best - kOutOfReach + search_cost;
     const ErrorFloor& floor = problem.floor;
-    double most = floor.log_above({nominal.cost, nominal.beside}) - 2.0 * gain / problem.options.calibration.nu;
+    double most = floor.log_above(left_of(nominal)) - 2.0 * gain / problem.options.calibration.nu;
     if (floor.split()) most -= std::log(floor.model_beside);  // as if it left nothing beside the motion
     return floor.cost_of(std::exp(most));
 }

@@ -73,9 +73,9 @@ struct Verdict {
     double unknown_probability = 0.0;
 };
 
-/// What is left of the nominal fit.
-inline Left left_of(const Fit& nominal) {
-    return {nominal.compared_cost(), nominal.beside};
+/// What a fit leaves, with the price of its parameters.
+inline Left left_of(const Fit& fit) {
+    return {fit.compared_cost(), fit.beside};
 }
 /// Whitened cost of a fit without the price of its effects' parameters.
 double misfit_of(const Fit& fit, Eigen::Index nominal_parameters);

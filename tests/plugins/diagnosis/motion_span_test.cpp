@@ -81,6 +81,18 @@ TEST(ErrorFloor, ComparesInsideAndBesideOnTheirOwn) {
     EXPECT_NEAR(floor.scaled({19.0, 12.0}, 16.0).beside, 10.0, 1e-12);
 }
 
+// Inside 4 are noise and 4 the model's error, beside it 6 and 1: neither makes up for the other.
+TEST(ErrorFloor, ExplainsNothingBesideTheMotionByWhatIsLittleInside) {
+    const ErrorFloor floor{.noise = 10.0, .model = 4.0, .noise_beside = 6.0, .model_beside = 1.0};
+    EXPECT_TRUE(floor.explains({14.9, 7.0}));
+    EXPECT_FALSE(floor.explains({11.5, 8.5}));
+    EXPECT_NEAR(floor.beyond({11.5, 8.5}).beside, 1.5, 1e-12);
+    EXPECT_NEAR(floor.beyond({11.5, 8.5}).inside(), 0.0, 1e-12);
+    const ErrorFloor together{.noise = 10.0, .model = 4.0};
+    EXPECT_TRUE(together.explains({11.5, 8.5}));
+    EXPECT_NEAR(together.beyond({16.0, 8.5}).cost, 2.0, 1e-12);
+}
+
 TEST(ErrorFloor, SplitsByTheShareThatIsFree) {
     const Calibration c;
     const ErrorFloor floor = split_floor({.noise = 10.0, .model = 4.0}, 0.6, c);
