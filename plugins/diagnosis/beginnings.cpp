@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "plugins/diagnosis/amplitude_price.h"
 #include "plugins/diagnosis/cause_fit.h"
 
 namespace teres {

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "plugins/diagnosis/amplitude_price.h"
+
 namespace teres {
 namespace {
 
