@@ -26,7 +26,7 @@ struct Calibration {
     /// ... at the price of the best cause that does as well, and at least this [nats] ...
     double unknown_price = 6.0;
     /// ... and, where that consists of several effects, at most about what the dearest single ones cost [nats];
-    double unknown_price_most = 20.0;
+    double unknown_price_most = 25.0;
     /// and besides, because the catalogue holds what is likely [nats].
     double unknown_rarity = 1.0;
     double unknown_least() const { return unknown_price + unknown_rarity; }

@@ -28,10 +28,10 @@ bool mechanical(const Problem& problem, const Cause& cause) {
 }  // namespace
 
 Left left_under(const Problem& problem, const Whitener& whitener, const Fit& fit, Eigen::Index nominal_parameters) {
-    const double noise = problem.simulator.noise_factor(fit.at);
     const Eigen::VectorXd residual = whitener(problem.residual_of(fit.trajectory));
     const double misfit = residual.squaredNorm() + fit.u.head(nominal_parameters).squaredNorm();
-    return {misfit / (noise * noise) + fit.later, problem.beside_span(fit.at, residual)};
+    return problem.floor.beside_noise({misfit + fit.later, problem.beside_span(residual)},
+                                      problem.simulator.noise_factor(fit.at));
 }
 
 void take_noise(Problem& problem, Fit& fit) {
@@ -40,12 +40,12 @@ void take_noise(Problem& problem, Fit& fit) {
         Assumption alone{fit.at.theta, {problem.simulator.effects().candidate(effect.entry, 0)}};
         if (!entry.sensor || problem.simulator.noise_factor(alone) == 1.0) continue;
         const double factor =
-            std::max(1.0, white_noise_factor(fit.residual, problem.whitener.rows(), problem.recording.num_markers));
+            stated_noise_factor(fit.residual, problem.whitener, problem.floor.noise, problem.recording.num_markers);
         for (std::size_t p = 0; p < effect.values.size(); ++p)
             effect.values[p] = std::clamp(factor, entry.parameters[p].lower, entry.parameters[p].upper);
-        fit.cost /= factor * factor;
-        fit.misfit /= factor * factor;
-        fit.later /= factor * factor;
+        const double left = problem.floor.beside_noise(fit.misfit, problem.simulator.noise_factor(fit.at)).cost;
+        fit.cost += left - fit.misfit;
+        fit.misfit = left;
     }
 }
 

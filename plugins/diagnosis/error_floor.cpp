@@ -26,6 +26,18 @@ Left ErrorFloor::reached(const Left& from, double model_share, double rest_share
     return {part(from.inside(), noise - noise_beside, model) + beside, beside};
 }
 
+Left ErrorFloor::beside_noise(const Left& left, double factor) const {
+    const double more = factor * factor - 1.0;
+    return {left.cost - more * noise, left.beside - more * noise_beside};
+}
+
+ErrorFloor ErrorFloor::with_noise(double factor) const {
+    ErrorFloor floor = *this;
+    floor.noise *= factor * factor;
+    floor.noise_beside *= factor * factor;
+    return floor;
+}
+
 Left ErrorFloor::scaled(const Left& left, double cost) const {
     const double excess = left.cost - noise;
     if (!split() || excess <= 0.0) return {cost, left.beside};

@@ -46,6 +46,10 @@ struct ErrorFloor {
     /// What of it noise and the model's error do not explain, each part on its own.
     Left beyond(const Left& left) const;
     bool explains(const Left& left) const { return beyond(left).cost <= 0.0; }
+    /// What is left beside noise of `factor` times the stated deviation.
+    Left beside_noise(const Left& left, double factor) const;
+    /// The same floor where the noise is that.
+    ErrorFloor with_noise(double factor) const;
     double above(double cost) const { return std::max(cost - noise, 0.0) + model; }
     double total() const { return noise + model; }
     /// The cost c for which above(c) is this.

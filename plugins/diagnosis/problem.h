@@ -67,13 +67,12 @@ struct Problem {
     void look_ahead(Fit& fit) {
         if (outlook != nullptr && fit.usable) fit.later = outlook->later(fit.at, fit.misfit, recording.fit_rows.size());
     }
-    /// What of a whitened residual under an assumption lies beside the span of the motion; 0 where that is not told.
-    double beside_span(const Assumption& at, const Eigen::VectorXd& residual) const {
-        const double noise = simulator.noise_factor(at);
-        return span != nullptr ? span->beside(residual) / (noise * noise) : 0.0;
-    }
+    /// What of a whitened residual lies beside the span of the motion; 0 where that is not told.
+    double beside_span(const Eigen::VectorXd& residual) const { return span != nullptr ? span->beside(residual) : 0.0; }
+    /// Of a fit: beside the noise that it assumes.
     void look_beside(Fit& fit) const {
-        if (fit.usable) fit.beside = beside_span(fit.at, fit.residual);
+        if (fit.usable)
+            fit.beside = floor.beside_noise({0.0, beside_span(fit.residual)}, simulator.noise_factor(fit.at)).beside;
     }
     /// Every frame simulated, exact derivatives: the base of a search.
     void complete(Fit& fit) { teres::complete(simulator, whitener, recording.observed, fit); }

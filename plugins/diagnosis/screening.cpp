@@ -133,11 +133,9 @@ struct Residual {
         w.left = {cost, std::min(cost, beside(weighted_r - weighted_G.middleCols(c.first, c.count) * w.a))};
         return w;
     }
-    // The effect `noise` moves nothing; it is worth the white part of what is left.
-    Weighed as_noise(double factor, Eigen::Index count) const {
-        const double share = 1.0 / (factor * factor);
-        return {Eigen::VectorXd::Constant(count, factor - 1.0),
-                {share * null.cost, share * null.beside},
+    // The effect `noise` moves nothing; it is worth the white part of what is left, beyond what is stated.
+    Weighed as_noise(const ErrorFloor& floor, double factor, Eigen::Index count) const {
+        return {Eigen::VectorXd::Constant(count, factor - 1.0), floor.beside_noise(null, factor),
                 Eigen::MatrixXd::Zero(count, count)};
     }
 
@@ -201,10 +199,10 @@ Screening screen(const Simulator& simulator, const Signatures& signatures, const
     const auto used = std::lower_bound(whitener.rows().begin(), whitener.rows().end(), end) - whitener.rows().begin();
     const double share = static_cast<double>(used) / static_cast<double>(whitener.size());
     const bool split = span != nullptr && used == whitener.size();
-    const ErrorFloor floor = split ? all_frames : ErrorFloor{share * all_frames.noise, share * all_frames.model};
+    const ErrorFloor floor = (split ? all_frames : ErrorFloor{share * all_frames.noise, share * all_frames.model})
+                                 .with_noise(simulator.noise_factor(base.at));
     const Residual residual(whitener(signatures.changes).topRows(used), base, used, split ? span : nullptr);
-    const double white_factor =
-        std::max(1.0, white_noise_factor(base.residual, whitener.rows(), simulator.num_markers()));
+    const double noise_factor = stated_noise_factor(base.residual, whitener, all_frames.noise, simulator.num_markers());
 
     Screening out;
     out.cost_null = residual.null.cost;
@@ -219,7 +217,8 @@ Screening screen(const Simulator& simulator, const Signatures& signatures, const
             Assumption other = base.at;
             other.effects.push_back(full);
             const bool noise = simulator.noise_factor(other) != simulator.noise_factor(base.at);
-            const Weighed w = noise ? residual.as_noise(white_factor, c.count) : residual.weigh(table[e], full, c);
+            const Weighed w =
+                noise ? residual.as_noise(floor, noise_factor, c.count) : residual.weigh(table[e], full, c);
             if (!noise && w.S.trace() > effect.visibility) {
                 effect.visibility = w.S.trace();
                 effect.signature = residual.G.middleCols(c.first, c.count);

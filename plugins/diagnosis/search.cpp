@@ -45,7 +45,9 @@ std::vector<Cause> fit_chosen(Problem& problem, const Fit& nominal, const Base* 
         const auto best = std::max_element(causes.begin(), causes.end(),
                                            [](const Cause& a, const Cause& b) { return a.score < b.score; });
         const double lead = best->score - (known != nullptr ? known->score : 0.0) - next.score;
-        return lead > 2.0 * kOutOfReach || (lead > kOutOfReach && problem.floor.explains(left_of(best->fit)));
+        // Two parts that are compared on their own count twice as many numbers, and first order errs in both.
+        const double margin = problem.floor.split() ? 2.0 * kOutOfReach : kOutOfReach;
+        return lead > 2.0 * margin || (lead > margin && problem.floor.explains(left_of(best->fit)));
     };
     for (std::size_t next = 0; next < chosen.size();) {
         std::vector<const EffectScreening*> pair;

@@ -36,8 +36,8 @@ std::vector<Cause> search_on_top(Problem& problem, const Fit& nominal, Cause& kn
     if (!base.fit.usable) return {};
     base.left = left_under(problem, base.looser, base.fit, nominal.u.size());
     known.misfit_beside_forms = base.left.cost;
-    const double noise = problem.simulator.noise_factor(known.fit.at);
-    const Left left{base.fit.cost / (noise * noise) + base.fit.later, base.left.beside};
+    const Left raw{base.fit.cost + base.fit.later, problem.beside_span(base.fit.residual)},
+        left = problem.floor.beside_noise(raw, problem.simulator.noise_factor(known.fit.at));
     if (problem.floor.explains(left)) return {};
     const Left beyond = problem.floor.beyond(left), form = form_error(problem, nominal, known);
     base.sensors_only = beyond.inside() <= form.inside() && beyond.beside <= form.beside;

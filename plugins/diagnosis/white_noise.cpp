@@ -2,36 +2,28 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 namespace teres {
 namespace {
 
-constexpr Eigen::Index kSpatialModes = 3;  // taken off first: what moves many markers at once is not noise
+constexpr Eigen::Index kSpatialModes = 3;  // what moves many markers at once is not noise
+constexpr double kStandsOut = 1.1;         // of the largest singular value of white noise
 
-}  // namespace
+// A row per channel, a column per frame; lost entries are zero in R and not seen.
+struct Residual {
+    Eigen::MatrixXd R;
+    Eigen::MatrixXi seen;
+};
 
-double white_noise_factor(const Eigen::VectorXd& residual, const std::vector<Eigen::Index>& rows,
-                          std::size_t num_markers) {
-    const auto channels = static_cast<Eigen::Index>(3 * num_markers);
-    if (rows.empty()) return 1.0;
-    const Eigen::Index frames = rows.back() / channels + 1;
-    Eigen::MatrixXd R = Eigen::MatrixXd::Zero(channels, frames);  // lost entries: zero, counted below
-    Eigen::MatrixXi seen = Eigen::MatrixXi::Zero(channels, frames);
-    for (std::size_t k = 0; k < rows.size(); ++k) {
-        R(rows[k] % channels, rows[k] / channels) = residual(static_cast<Eigen::Index>(k));
-        seen(rows[k] % channels, rows[k] / channels) = 1;
-    }
-    if (frames < 4 || channels <= 2 * kSpatialModes) return 1.0;
-    const Eigen::BDCSVD<Eigen::MatrixXd> svd(R, Eigen::ComputeThinU);
-    const Eigen::MatrixXd U = svd.matrixU().leftCols(kSpatialModes);
-    R -= U * (U.transpose() * R);
-    // Var of second differences of white noise is 6 sigma^2; the median over channels ignores single bad markers.
+// Var of second differences of white noise is 6 sigma^2; the median over channels ignores single bad markers. `kept`:
+// share of the noise that is still there.
+double standard_deviation(const Residual& residual, double kept) {
+    const auto& [R, seen] = residual;
     std::vector<double> variance;
-    for (Eigen::Index c = 0; c < channels; ++c) {
+    for (Eigen::Index c = 0; c < R.rows(); ++c) {
         double sum = 0.0;
         int count = 0;
-        for (Eigen::Index f = 1; f + 1 < frames; ++f)
+        for (Eigen::Index f = 1; f + 1 < R.cols(); ++f)
             if (seen(c, f - 1) && seen(c, f) && seen(c, f + 1)) {
                 const double d = R(c, f - 1) - 2.0 * R(c, f) + R(c, f + 1);
                 sum += d * d / 6.0;
@@ -40,10 +32,44 @@ double white_noise_factor(const Eigen::VectorXd& residual, const std::vector<Eig
         if (count > 2) variance.push_back(sum / count);
     }
     if (variance.empty()) return 1.0;
-    std::nth_element(variance.begin(), variance.begin() + static_cast<std::ptrdiff_t>(variance.size() / 2),
-                     variance.end());
-    const double kept = 1.0 - static_cast<double>(kSpatialModes) / static_cast<double>(channels);
-    return std::sqrt(variance[variance.size() / 2] / kept);
+    const auto middle = variance.begin() + static_cast<std::ptrdiff_t>(variance.size() / 2);
+    std::nth_element(variance.begin(), middle, variance.end());
+    return std::sqrt(*middle / kept);
+}
+
+}  // namespace
+
+double white_noise_factor(const Eigen::VectorXd& residual, const std::vector<Eigen::Index>& rows,
+                          std::size_t num_markers) {
+    const auto channels = static_cast<Eigen::Index>(3 * num_markers);
+    if (rows.empty()) return 1.0;
+    const Eigen::Index frames = rows.back() / channels + 1;
+    Residual left{Eigen::MatrixXd::Zero(channels, frames), Eigen::MatrixXi::Zero(channels, frames)};
+    for (std::size_t k = 0; k < rows.size(); ++k) {
+        left.R(rows[k] % channels, rows[k] / channels) = residual(static_cast<Eigen::Index>(k));
+        left.seen(rows[k] % channels, rows[k] / channels) = 1;
+    }
+    if (frames < 4 || channels <= 2 * kSpatialModes) return 1.0;
+    const Eigen::BDCSVD<Eigen::MatrixXd> svd(left.R, Eigen::ComputeThinU);
+    const Eigen::MatrixXd all = left.R;
+    const auto without = [&](Eigen::Index modes) {
+        const Eigen::MatrixXd U = svd.matrixU().leftCols(modes);
+        left.R = all - U * (U.transpose() * all);
+        return standard_deviation(left, 1.0 - static_cast<double>(modes) / static_cast<double>(channels));
+    };
+    // Leading modes take more than their share of white noise, so only those are taken off that stand out of it.
+    const double edge = kStandsOut * without(kSpatialModes) *
+                        (std::sqrt(static_cast<double>(channels)) + std::sqrt(static_cast<double>(frames)));
+    Eigen::Index modes = 0;
+    while (modes < std::min(kSpatialModes, svd.singularValues().size()) && svd.singularValues()(modes) > edge) ++modes;
+    return without(modes);
+}
+
+double stated_noise_factor(const Eigen::VectorXd& residual, const Whitener& whitener, double noise,
+                           std::size_t num_markers) {
+    if (noise <= 0.0) return 1.0;
+    const double stated = std::sqrt(noise / static_cast<double>(whitener.size()));
+    return std::max(1.0, white_noise_factor(residual, whitener.rows(), num_markers) / stated);
 }
 
 }  // namespace teres

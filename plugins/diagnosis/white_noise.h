@@ -5,10 +5,17 @@
 #include <Eigen/Dense>
 #include <vector>
 
+#include "plugins/diagnosis/whitener.h"
+
 namespace teres {
 
-/// Standard deviation of the white part of `residual` (1: as stated). rows: trajectory row of each entry.
+/// Standard deviation of the white part of `residual`. rows: trajectory row of each entry.
 double white_noise_factor(const Eigen::VectorXd& residual, const std::vector<Eigen::Index>& rows,
                           std::size_t num_markers);
+
+/// That over what the stated noise leaves, whose whitened cost is `noise`: by how much the markers scatter more than
+/// stated. No less than 1; 1 where no noise is stated.
+double stated_noise_factor(const Eigen::VectorXd& residual, const Whitener& whitener, double noise,
+                           std::size_t num_markers);
 
 }  // namespace teres

@@ -191,6 +191,13 @@ TEST(Diagnosis, StiffnessSensorAndNoiseAreTold) {
         ASSERT_TRUE(d);
         EXPECT_EQ(scene.names(*d), Names{"noise"}) << listing(*d, *scene.effects);
     }
+    {  // a third more than stated: the factor is that of the stated noise, not of all that is expected to scatter
+        Scene scene({}, {}, 1.3 * kNoise);
+        const auto d = scene.run();
+        ASSERT_TRUE(d);
+        ASSERT_EQ(scene.names(*d), Names{"noise"}) << listing(*d, *scene.effects);
+        EXPECT_NEAR(d->named()->fit.at.effects[0].values[0], 1.3, 0.07);
+    }
     {
         Scene scene({{test::ToyBody::kMaterialLaw, law}});
         const auto d = scene.run();

@@ -93,6 +93,16 @@ TEST(ErrorFloor, ExplainsNothingBesideTheMotionByWhatIsLittleInside) {
     EXPECT_NEAR(together.beyond({16.0, 8.5}).cost, 2.0, 1e-12);
 }
 
+// Markers that scatter half as much again leave 2.25 times the noise, 12.5 more, 7.5 of it beside.
+TEST(ErrorFloor, NoiseBeyondTheStatedOneIsTakenOff) {
+    const ErrorFloor floor{.noise = 10.0, .model = 4.0, .noise_beside = 6.0, .model_beside = 1.0};
+    const Left left = floor.beside_noise({30.0, 15.0}, 1.5);
+    EXPECT_NEAR(left.cost, 17.5, 1e-12);
+    EXPECT_NEAR(left.beside, 7.5, 1e-12);
+    const ErrorFloor noisier = floor.with_noise(1.5);
+    EXPECT_NEAR(floor.log_above(left), noisier.log_above({30.0, 15.0}), 1e-12);
+}
+
 TEST(ErrorFloor, SplitsByTheShareThatIsFree) {
     const Calibration c;
     const ErrorFloor floor = split_floor({.noise = 10.0, .model = 4.0}, 0.6, c);
