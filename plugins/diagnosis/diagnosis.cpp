@@ -347,7 +347,7 @@ Result<Plan> plan(const GapRecording& from, const EffectTable& effects, const Di
         error_floor(problem.whitener, problem.discrepancy, nominal.J, recording.noise_m, options.calibration);
     Plan out{recording.name,
              screen(simulator, signatures(simulator, nominal, {}, stage(options, "signatures")), problem.whitener,
-                    floor, nullptr, nominal, options.calibration, recording.num_frames),
+                    floor, nominal, options.calibration, recording.num_frames),
              {},
              floor};
     out.confusability = confusability(out.screening, nominal.J);

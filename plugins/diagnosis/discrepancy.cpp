@@ -6,17 +6,17 @@
 #include <cstdio>
 #include <fstream>
 
-#include "plugins/diagnosis/motion_span.h"
 #include "plugins/diagnosis/share_work.h"
 
 namespace teres {
 namespace {
 
 constexpr std::size_t kFrames = 10;  // simulated with each variant
+constexpr Eigen::Index kModes = 8;   // temporal modes of the nominal motion
 constexpr Eigen::Index kColumns = 8;
 constexpr double kLeastColumn = 1e-3;  // columns below this share of the first are dropped
 constexpr double kOtherBranch = 5.0;   // times the median difference
-constexpr std::uint64_t kVersion = 5;  // of the method: part of the key
+constexpr std::uint64_t kVersion = 4;  // of the method: part of the key
 
 std::uint64_t mix(std::uint64_t hash, std::uint64_t value) {
     for (int byte = 0; byte < 8; ++byte) hash = (hash ^ ((value >> (8 * byte)) & 0xff)) * 1099511628211ULL;
@@ -103,6 +103,16 @@ Nearby nearby(const Eigen::MatrixXd& difference) {
     return out;
 }
 
+// Columns: constant, then the leading temporal modes of the motion (frames x columns).
+Eigen::MatrixXd temporal_modes(const Eigen::MatrixXd& motion) {
+    const Eigen::BDCSVD<Eigen::MatrixXd> svd(motion, Eigen::ComputeThinV);
+    const Eigen::Index modes = std::min(kModes, svd.matrixV().cols());
+    Eigen::MatrixXd basis(motion.cols(), modes + 1);
+    basis.col(0).setConstant(1.0 / std::sqrt(static_cast<double>(motion.cols())));
+    basis.rightCols(modes) = svd.matrixV().leftCols(modes);
+    return basis;
+}
+
 // Difference at the listed frames to all frames (channels x frames), through temporal modes: at most one for two
 // frames.
 Eigen::MatrixXd spread_in_time(const Eigen::MatrixXd& at_frames, const std::vector<Eigen::Index>& frames,
@@ -133,9 +143,9 @@ Result<std::vector<Eigen::MatrixXd>> variant_differences(Simulator& simulator, c
         if (cancelled) return;
         Eigen::MatrixXd of_markers(nominal.markers, static_cast<Eigen::Index>(frames.size())),
             of_points(points, of_markers.cols());
-        const TrajectoryReport report =
-            simulator.simulate_variant(v, at, frames, {of_markers.data(), static_cast<std::size_t>(of_markers.size())},
-                                       {of_points.data(), static_cast<std::size_t>(of_points.size())});
+        const TrajectoryReport report = simulator.simulate_variant(
+            v, at, frames, {of_markers.data(), static_cast<std::size_t>(of_markers.size())},
+            {of_points.data(), static_cast<std::size_t>(of_points.size())});
         Eigen::MatrixXd difference(nominal.channels.rows(), of_markers.cols());
         difference.topRows(nominal.markers) = of_markers;
         difference.bottomRows(points) = of_points;
@@ -203,7 +213,8 @@ Discrepancy condense(std::vector<Eigen::MatrixXd> differences, const std::vector
 
 }  // namespace
 
-Result<Discrepancy> discrepancy_about(Simulator& simulator, const Assumption& at, const Simulator::Progress& progress) {
+Result<Discrepancy> discrepancy_about(Simulator& simulator, const Assumption& at,
+                                      const Simulator::Progress& progress) {
     TrajectoryModel& model = simulator.mechanics();
     std::vector<std::int32_t> frames;
     const std::size_t count = model.dynamic() ? simulator.num_frames() : std::min(kFrames, simulator.num_frames());

@@ -1,33 +1,33 @@
 #include "plugins/diagnosis/motion_span.h"
 
-#include <algorithm>
-#include <cmath>
-
 namespace teres {
 namespace {
 
 constexpr Eigen::Index kModes = 8;
 constexpr double kLeastMode = 1e-3;  // of the first
 
-}  // namespace
-
-Eigen::MatrixXd temporal_modes(Eigen::MatrixXd motion) {
-    motion.colwise() -= motion.rowwise().mean().eval();
-    const Eigen::BDCSVD<Eigen::MatrixXd> svd(motion, Eigen::ComputeThinV);
-    const Eigen::VectorXd& s = svd.singularValues();
+// A constant and the leading modes, one row per frame.
+Eigen::MatrixXd temporal_basis(const Eigen::VectorXd& motion, Eigen::Index channels) {
+    const Eigen::Index frames = motion.size() / channels;
+    Eigen::MatrixXd moved = Eigen::Map<const Eigen::MatrixXd>(motion.data(), channels, frames);
+    moved.colwise() -= moved.rowwise().mean().eval();
+    const Eigen::BDCSVD<Eigen::MatrixXd> svd(moved, Eigen::ComputeThinV);
     Eigen::Index modes = 0;
-    while (modes < std::min(kModes, s.size()) && s(modes) > kLeastMode * s(0)) ++modes;
-    Eigen::MatrixXd basis(motion.cols(), modes + 1);
-    basis.col(0).setConstant(1.0 / std::sqrt(static_cast<double>(motion.cols())));
+    while (modes < std::min(kModes, svd.singularValues().size()) &&
+           svd.singularValues()(modes) > kLeastMode * svd.singularValues()(0))
+        ++modes;
+    Eigen::MatrixXd basis(frames, modes + 1);
+    basis.col(0).setOnes();
     basis.rightCols(modes) = svd.matrixV().leftCols(modes);
     return basis;
 }
 
+}  // namespace
+
 MotionSpan::MotionSpan(const Eigen::VectorXd& motion, std::size_t channels, const std::vector<Eigen::Index>& rows)
     : channels_(channels) {
     const auto count = static_cast<Eigen::Index>(channels);
-    const Eigen::MatrixXd basis =
-        temporal_modes(Eigen::Map<const Eigen::MatrixXd>(motion.data(), count, motion.size() / count));
+    const Eigen::MatrixXd basis = temporal_basis(motion, count);
     std::vector<std::vector<Eigen::Index>> frames(channels);
     for (std::size_t k = 0; k < rows.size(); ++k) {
         const auto c = static_cast<std::size_t>(rows[k] % count);

@@ -11,9 +11,6 @@
 
 namespace teres {
 
-/// The constant and the leading modes of a motion (channels x frames), orthonormal: a row per frame.
-Eigen::MatrixXd temporal_modes(Eigen::MatrixXd motion);
-
 class MotionSpan {
   public:
     /// `motion`: 3 M F rows, finite [m]; `rows`: the used entries of it, ascending.

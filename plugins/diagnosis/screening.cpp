@@ -95,31 +95,27 @@ std::vector<std::size_t> amplitudes_of(const EffectEntry& entry) {
     return amplitude;
 }
 
-// What a candidate explains: amplitudes within their bounds [prior standard deviations], what they leave, what the data
-// say of them.
+// What a candidate explains: amplitudes within their bounds [prior standard deviations], the cost that they leave, what
+// the data say of them.
 struct Weighed {
     Eigen::VectorXd a;
-    Left left;
+    double cost = 0.0;
     Eigen::MatrixXd S;
 };
 
-// The residual at the prior mean of the nuisance J, and the signatures G, in its metric (I + J J^T)^-1. `span`: null
-// where inside and beside it are not told apart.
+// The residual at the prior mean of the nuisance J, and the signatures G, in its metric (I + J J^T)^-1.
 struct Residual {
-    Residual(Eigen::MatrixXd signatures, const Fit& base, Eigen::Index used, const MotionSpan* told_apart_by)
-        : G(std::move(signatures)), span(told_apart_by) {
+    Residual(Eigen::MatrixXd signatures, const Fit& base, Eigen::Index used) : G(std::move(signatures)) {
         const Eigen::MatrixXd J = base.J.topRows(used);
         const NuisanceMetric metric(J);
         const Eigen::VectorXd r = base.residual.head(used) + J * base.u;
         weighted_G = metric.weigh(G);
         weighted_r = metric.weigh(r);
-        null = {r.dot(weighted_r), beside(weighted_r)};
+        cost_null = r.dot(weighted_r);
     }
-    // (I + J J^T)^-1 r is what a fit of the nuisance leaves of r.
-    double beside(const Eigen::VectorXd& weighted) const { return span != nullptr ? span->beside(weighted) : 0.0; }
     Weighed weigh(const EffectEntry& entry, const ActiveEffect& full, const Signatures::Candidate& c) const {
         const auto columns = G.middleCols(c.first, c.count);
-        Weighed w{{}, null, {}};
+        Weighed w;
         w.S = columns.transpose() * weighted_G.middleCols(c.first, c.count);
         const Eigen::VectorXd b = columns.transpose() * weighted_r;
         w.a = (w.S + Eigen::MatrixXd::Identity(c.count, c.count)).ldlt().solve(b);
@@ -129,20 +125,18 @@ struct Residual {
             const ShareBounds bounds = share_bounds(entry.parameters[p], full.values[p]);
             w.a(i) = std::clamp(w.a(i), bounds.lower, bounds.upper);
         }
-        const double cost = std::max(null.cost - 2.0 * b.dot(w.a) + w.a.dot(w.S * w.a), 1e-3 * null.cost);
-        w.left = {cost, std::min(cost, beside(weighted_r - weighted_G.middleCols(c.first, c.count) * w.a))};
+        w.cost = std::max(cost_null - 2.0 * b.dot(w.a) + w.a.dot(w.S * w.a), 1e-3 * cost_null);
         return w;
     }
     // The effect `noise` moves nothing; it is worth the white part of what is left, beyond what is stated.
     Weighed as_noise(const ErrorFloor& floor, double factor, Eigen::Index count) const {
-        return {Eigen::VectorXd::Constant(count, factor - 1.0), floor.beside_noise(null, factor),
+        return {Eigen::VectorXd::Constant(count, factor - 1.0), floor.beside_noise(cost_null, factor).cost,
                 Eigen::MatrixXd::Zero(count, count)};
     }
 
     Eigen::MatrixXd G, weighted_G;
-    const MotionSpan* span;
     Eigen::VectorXd weighted_r;
-    Left null{0.0};
+    double cost_null = 0.0;
 };
 
 }  // namespace
@@ -192,20 +186,19 @@ Signatures signatures(Simulator& simulator, const Fit& base, const std::vector<s
 }
 
 Screening screen(const Simulator& simulator, const Signatures& signatures, const Whitener& whitener,
-                 const ErrorFloor& all_frames, const MotionSpan* span, const Fit& base, const Calibration& calibration,
+                 const ErrorFloor& all_frames, const Fit& base, const Calibration& calibration,
                  std::size_t num_frames) {
     const EffectTable& table = simulator.effects();
     const auto end = static_cast<Eigen::Index>(3 * simulator.num_markers() * num_frames);
     const auto used = std::lower_bound(whitener.rows().begin(), whitener.rows().end(), end) - whitener.rows().begin();
     const double share = static_cast<double>(used) / static_cast<double>(whitener.size());
-    const bool split = span != nullptr && used == whitener.size();
-    const ErrorFloor floor = (split ? all_frames : ErrorFloor{share * all_frames.noise, share * all_frames.model})
-                                 .with_noise(simulator.noise_factor(base.at));
-    const Residual residual(whitener(signatures.changes).topRows(used), base, used, split ? span : nullptr);
+    const ErrorFloor floor =
+        ErrorFloor{share * all_frames.noise, share * all_frames.model}.with_noise(simulator.noise_factor(base.at));
+    const Residual residual(whitener(signatures.changes).topRows(used), base, used);
     const double noise_factor = stated_noise_factor(base.residual, whitener, all_frames.noise, simulator.num_markers());
 
     Screening out;
-    out.cost_null = residual.null.cost;
+    out.cost_null = residual.cost_null;
     for (std::size_t e = 0; e < table.size(); ++e) {
         EffectScreening effect;
         effect.entry = e;
@@ -223,12 +216,12 @@ Screening screen(const Simulator& simulator, const Signatures& signatures, const
                 effect.visibility = w.S.trace();
                 effect.signature = residual.G.middleCols(c.first, c.count);
             }
-            const double tempering = calibration.nu / floor.above(w.left.cost);
+            const double tempering = calibration.nu / floor.above(w.cost);
             const AmplitudePrice price = amplitude_price({w.a}, tempering * w.S, counted_amplitudes(c.count));
-            const double score = 0.5 * calibration.nu * (floor.log_above(residual.null) - floor.log_above(w.left)) -
+            const double score = -0.5 * calibration.nu * std::log(floor.above(w.cost) / floor.above(out.cost_null)) -
                                  price.tail - price.occam;
             scores.push_back(score);
-            const double explained = 1.0 - w.left.cost / out.cost_null;
+            const double explained = 1.0 - w.cost / out.cost_null;
             const ActiveEffect start = scaled(table[e], full, amplitudes_of(table[e]), w.a);
             take_place(table, e, {{}, score, explained, start, c.index}, effect.places);
             if (score > best) {

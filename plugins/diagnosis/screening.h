@@ -3,9 +3,8 @@
 //
 //     r ~ N(0, I + J J^T + G G^T)     r: residual at the prior mean, J: nuisance, G: signature of the candidate
 //     cost_c = min over a of  (r - G a)^T (I + J J^T)^-1 (r - G a),   a within the physical bounds
-//     score  = -(nu/2) (ln above_c - ln above_0) - price(a, (nu/above(cost_c)) S),
-//     S = G^T (I + J J^T)^-1 G,   above_c: of cost_c inside and beside the span of the motion (error_floor.h),
-//     price: amplitude_price.h
+//     score  = -(nu/2) ln(above(cost_c) / above(cost_0)) - price(a, (nu/above(cost_c)) S),
+//     S = G^T (I + J J^T)^-1 G,   above: error_floor.h,   price: amplitude_price.h
 //
 // scale-free and counting nu samples (calibration.h), averaged over the candidates of an effect.
 #pragma once
@@ -17,7 +16,6 @@
 
 #include "plugins/diagnosis/error_floor.h"
 #include "plugins/diagnosis/joint_fit.h"
-#include "plugins/diagnosis/motion_span.h"
 
 namespace teres {
 
@@ -72,10 +70,8 @@ double apart_m(const std::vector<PlaceGain>& places);
 std::vector<PlaceGain> best_places(std::vector<PlaceGain> places, std::size_t count);
 
 /// num_frames: only so many frames from the first count (all: that of the simulator). A phase that runs away is first
-/// order at the beginning only. `span`: null where inside and beside it are not told apart; of the beginning they never
-/// are.
+/// order at the beginning only.
 Screening screen(const Simulator& simulator, const Signatures& signatures, const Whitener& whitener,
-                 const ErrorFloor& floor, const MotionSpan* span, const Fit& base, const Calibration& calibration,
-                 std::size_t num_frames);
+                 const ErrorFloor& floor, const Fit& base, const Calibration& calibration, std::size_t num_frames);
 
 }  // namespace teres

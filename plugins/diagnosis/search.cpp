@@ -37,6 +37,9 @@ std::vector<Cause> fit_chosen(Problem& problem, const Fit& nominal, const Base* 
         stage(problem.options, known == nullptr ? "fitting the best effects" : "fitting further effects");
     report(0.0);
     std::vector<Cause> causes;
+    const auto as_screened = [&](const Cause& cause) {
+        return cause.score - told_apart(nominal, cause, problem.floor, problem.options.calibration);
+    };
     const auto settled = [&](const EffectScreening& next) {
         const EffectEntry& entry = problem.simulator.effects()[next.entry];
         if (problem.simulator.mechanics().dynamic() && !entry.sensor) return false;
@@ -44,10 +47,8 @@ std::vector<Cause> fit_chosen(Problem& problem, const Fit& nominal, const Base* 
         if (entry.support() && next.num_candidates == 1) return false;
         const auto best = std::max_element(causes.begin(), causes.end(),
                                            [](const Cause& a, const Cause& b) { return a.score < b.score; });
-        const double lead = best->score - (known != nullptr ? known->score : 0.0) - next.score;
-        // Two parts that are compared on their own count twice as many numbers, and first order errs in both.
-        const double margin = problem.floor.split() ? 2.0 * kOutOfReach : kOutOfReach;
-        return lead > 2.0 * margin || (lead > margin && problem.floor.explains(left_of(best->fit)));
+        const double lead = as_screened(*best) - (known != nullptr ? as_screened(*known) : 0.0) - next.score;
+        return lead > 2.0 * kOutOfReach || (lead > kOutOfReach && problem.floor.explains(left_of(best->fit)));
     };
     for (std::size_t next = 0; next < chosen.size();) {
         std::vector<const EffectScreening*> pair;
@@ -107,8 +108,7 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base
                    stage(options, known == nullptr ? "screening effects" : "screening further effects"));
     const std::size_t frames = problem.recording.num_frames;
     const auto screen_first = [&](std::size_t num_frames) {
-        return screen(problem.simulator, all, whitener, problem.floor, problem.span.get(), from, options.calibration,
-                      num_frames);
+        return screen(problem.simulator, all, whitener, problem.floor, from, options.calibration, num_frames);
     };
     screening = screen_first(frames);
     if (known == nullptr && !problem.simulator.mechanics().dynamic()) {

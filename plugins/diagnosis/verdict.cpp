@@ -78,6 +78,14 @@ double visible_evidence(double score) {
 
 }  // namespace
 
+double told_apart(const Fit& nominal, const Cause& cause, const ErrorFloor& floor, const Calibration& calibration) {
+    if (!cause.fit.usable) return 0.0;
+    ErrorFloor together = floor;
+    together.model_beside = 0.0;
+    return gain(left_of(nominal), cause.left(), floor, calibration) -
+           gain(left_of(nominal), cause.left(), together, calibration);
+}
+
 double misfit_of(const Fit& fit, Eigen::Index nominal_parameters) {
     return fit.compared_cost() - fit.u.tail(fit.u.size() - nominal_parameters).squaredNorm();
 }

@@ -73,6 +73,9 @@ struct Verdict {
     double unknown_probability = 0.0;
 };
 
+/// Of the score of a fitted cause, what it has because parts inside and beside the span of the motion are told apart:
+/// the screening does not.
+double told_apart(const Fit& nominal, const Cause& cause, const ErrorFloor& floor, const Calibration& calibration);
 /// What a fit leaves, with the price of its parameters.
 inline Left left_of(const Fit& fit) {
     return {fit.compared_cost(), fit.beside};
