@@ -44,7 +44,7 @@ void take_noise(Problem& problem, Fit& fit) {
         for (std::size_t p = 0; p < effect.values.size(); ++p)
             effect.values[p] = std::clamp(factor, entry.parameters[p].lower, entry.parameters[p].upper);
         const double left = problem.floor.beside_noise(fit.misfit, problem.simulator.noise_factor(fit.at)).cost;
-        fit.cost += left - fit.misfit;
+        fit.cost += left - fit.misfit;  // fit.later is a difference of two parts that such noise raises alike
         fit.misfit = left;
     }
 }

@@ -132,12 +132,16 @@ TEST(Verdict, AScaleFarFromWhatIsExpectedHasItsPrice) {
 TEST(Verdict, WhatHasACourseOfItsOwnIsNotTheModelsError) {
     const ErrorFloor floor{.noise = 0.0, .model = 4.0, .noise_beside = 0.0, .model_beside = 0.1};
     const Left nominal(10.0, 6.0);
+    Fit without;
+    without.cost = nominal.cost;
+    without.beside = nominal.beside;
     Cause heart = fitted({0}, 4.0, 25.0);
     const auto evidence = [&](const ErrorFloor& by) {
         return 22.5 * (by.log_above(nominal) - by.log_above({4.0, 0.0}));
     };
     heart.score = evidence(floor) - 25.0;
     EXPECT_NEAR(evidence(floor), 22.5 * std::log(6.1 / 0.1), 1e-9);
+    EXPECT_NEAR(told_apart(without, heart, floor, {}), evidence(floor) - 22.5 * std::log(14.0 / 8.0), 1e-9);
     EXPECT_GT(probability_of(judge({heart}, nominal, floor, {}), {0}), 0.5);
     const ErrorFloor together{0.0, 4.0};
     heart.score = evidence(together) - 25.0;
