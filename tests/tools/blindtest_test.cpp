@@ -242,6 +242,21 @@ TEST(Gap, LeavesOutWhatTheLigamentExplains) {
     EXPECT_NEAR(unexplained_rms(d, {one_marker(1.0, 1.0), one_marker(1.0, 0.0)}), 0.0, 1e-12);
 }
 
+// By hand, three frames and one ligament direction (0, 0, 1): of (3, 4, 2) beside another effect of (2, 0, 0) 4 is
+// left; alone it would be (0, 1, 5), which shows 1.
+TEST(Gap, OfOneEffectIsWhatTheOthersCannotMakeUpFor) {
+    const auto one_marker = [](double a, double b, double c) {
+        return Frames{{{a, 0.0, 0.0}}, {{b, 0.0, 0.0}}, {{c, 0.0, 0.0}}};
+    };
+    const std::vector<Frames> ligament{one_marker(0.0, 0.0, 1.0)};
+    const Frames other = one_marker(2.0, 0.0, 0.0), added = one_marker(3.0, 4.0, 2.0),
+                 without = one_marker(0.0, 1.0, 5.0);
+    EXPECT_NEAR(shown_rms(0, {added}, {added}, ligament), 5.0 / std::sqrt(3.0), 1e-12);
+    EXPECT_NEAR(shown_rms(1, {other, added}, {other, added}, ligament), 4.0 / std::sqrt(3.0), 1e-12);
+    EXPECT_NEAR(shown_rms(1, {other, added}, {other, without}, ligament), 1.0 / std::sqrt(3.0), 1e-12);
+    EXPECT_NEAR(shown_rms(0, {other, added}, {other, without}, ligament), 2.0 * 0.8 / std::sqrt(3.0), 1e-12);
+}
+
 SensorState linear_motion(const Case& c) {  // every marker moves at 1 mm per frame along x
     SensorState state;
     for (int k = 0; k < 12; ++k) {

@@ -102,6 +102,13 @@ double unexplained_rms(const Frames& difference, const std::vector<Frames>& expl
     return rms(rest);
 }
 
+double shown_rms(std::size_t effect, const std::vector<Frames>& steps, const std::vector<Frames>& alone,
+                 std::vector<Frames> explained) {
+    for (std::size_t other = 0; other < steps.size(); ++other)
+        if (other != effect) explained.push_back(steps[other]);
+    return std::min(unexplained_rms(steps[effect], explained), unexplained_rms(alone[effect], explained));
+}
+
 Result<const CaseMaker::Patient*> CaseMaker::patient(const CaseSpec& spec) {
     const Key key{spec.draw, spec.clamped, spec.dynamic};
     auto found = patients_.find(key);
@@ -167,20 +174,25 @@ Status CaseMaker::make_once(const CaseSpec& spec, const Patient& patient, int at
     const TruthBody& body = patient.body;
     Scenario scenario = body.control();
     std::vector<EffectTruth> truths;
-    std::vector<Frames> steps;  // what each effect adds to what the camera sees
+    std::vector<Frames> steps;  // what each effect adds to what the camera sees, ...
+    std::vector<Frames> alone;  // ... and a sensor's would without the others
     Motion motion = patient.control;
-    const bool alone = spec.effects.size() == 1;  // before its onset a lone event is the control
+    const bool single = spec.effects.size() == 1;  // before its onset a lone event is the control
     for (const std::string& id : spec.effects) {
         if (std::string(find_effect(id)->kind) == "sensor") continue;
         TERES_TRY_ASSIGN(EffectTruth truth, draw_mechanics(id, random, body, scenario, scratch_));
         truths.push_back(std::move(truth));
         const Frames before = motion.markers;
-        TERES_TRY_ASSIGN(motion, body.simulate(scenario, scratch_, alone ? &patient.control : nullptr));
-        steps.push_back(difference(motion.markers, before));
+        TERES_TRY_ASSIGN(motion, body.simulate(scenario, scratch_, single ? &patient.control : nullptr));
+        alone.push_back(steps.emplace_back(difference(motion.markers, before)));
     }
     SensorState sensor{motion.markers, 1.0, 0.0};
     for (const std::string& id : spec.effects)
         if (std::string(find_effect(id)->kind) == "sensor") {
+            Random again = random;
+            SensorState undisturbed{patient.control.markers, 1.0, 0.0};
+            draw_sensor(id, again, body.nominal(), undisturbed);
+            alone.push_back(difference(undisturbed.seen, patient.control.markers));
             const Frames before = sensor.seen;
             truths.push_back(draw_sensor(id, random, body.nominal(), sensor));
             steps.push_back(difference(sensor.seen, before));
@@ -198,7 +210,7 @@ Status CaseMaker::make_once(const CaseSpec& spec, const Patient& patient, int at
     Json label{{"case", spec.name},       {"draw", spec.draw},       {"seed", seed_},
                {"clamped", spec.clamped}, {"dynamic", spec.dynamic}, {"effects", Json::array()}};
     for (std::size_t k = 0; k < truths.size(); ++k) {
-        const double shown_m = unexplained_rms(steps[k], explained);
+        const double shown_m = shown_rms(k, steps, alone, explained);
         if (shown_m < least_gap_m && truths[k].id != "noise")
             return not_usable(truths[k].id + " shows " + std::to_string(1e3 * shown_m) + " mm");
         label["effects"].push_back(to_json(truths[k]));

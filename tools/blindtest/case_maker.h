@@ -57,4 +57,10 @@ std::string sha256(const std::string& bytes);
 /// Rms over frames and markers of what is left of `difference` after the best fit of `explained` (least squares) [m].
 double unexplained_rms(const Frames& difference, const std::vector<Frames>& explained);
 
+/// What one of several effects shows [m]: no more than neither `explained` nor another size of the other effects makes
+/// up for, and no more than it would without them (a delay beside a heartbeat is as well another phase of that).
+/// `steps`: what each adds to what the camera sees on top of those before it; `alone`: what it adds without them.
+double shown_rms(std::size_t effect, const std::vector<Frames>& steps, const std::vector<Frames>& alone,
+                 std::vector<Frames> explained);
+
 }  // namespace teres::blindtest
