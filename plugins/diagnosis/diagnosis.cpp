@@ -8,6 +8,7 @@
 #include "plugins/diagnosis/learned_error.h"
 #include "plugins/diagnosis/search.h"
 #include "plugins/diagnosis/search_further.h"
+#include "plugins/diagnosis/search_steps.h"
 #include "plugins/diagnosis/share_work.h"
 
 namespace teres {
@@ -235,9 +236,23 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
 
     // One effect; then, as long as it pays, one more on top of the best; then what first order may have overlooked.
     std::vector<Cause> causes = search(problem, out.nominal, nullptr, out.screening);
-    if (before != nullptr) {
-        keep_better(causes, fitted_from(problem, out.nominal, *before, before->fit.at, kAgainIterations));
-        sort_by_score(causes);
+    const auto judge_now = [&] {
+        out.verdict = judge(causes, left_of(out.nominal), problem.floor, options.calibration);
+    };
+    // What fails later is searched again, with other data held out, if there is time for that: then nothing is finished
+    // or added here.
+    const auto again = [&] {
+        judge_now();
+        return fails_later(problem, leading(out.verdict)) && problem.time_for_as_much();
+    };
+    bool ended = again();
+    if (!ended) {
+        finish(problem, out.nominal, nullptr, out.screening, causes);
+        if (before != nullptr) {
+            keep_better(causes, fitted_from(problem, out.nominal, *before, before->fit.at, kAgainIterations));
+            sort_by_score(causes);
+        }
+        ended = again();
     }
     out.confusability = confusability(out.screening, out.nominal.J);
     const bool something = unknown_gain(left_of(out.nominal), problem.floor, options.calibration) >
@@ -251,12 +266,7 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
             if (enough || problem.out_of_time() || !search_further(problem, out.nominal, out.screening, causes)) break;
         }
     };
-    const auto judge_now = [&] {
-        out.verdict = judge(causes, left_of(out.nominal), problem.floor, options.calibration);
-    };
-    judge_now();
-    const Cause* best = leading(out.verdict);
-    if (!causes.empty() && !fails_later(problem, best)) {
+    if (!ended && !causes.empty()) {
         add_more();
         judge_now();
         if (!fails_later(problem, out.named()) && !problem.floor.explains(left_of(out.nominal)) &&
@@ -266,8 +276,8 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
         }
         weigh_state(problem, out.nominal, causes);
         judge_now();
-        best = out.named();
     }
+    const Cause* best = ended ? leading(out.verdict) : out.named();
     problem.beside = nullptr;
     out.significant = out.verdict.none_probability < 0.5;
     return fails_later(problem, best) ? std::optional<Cause>(*best) : std::nullopt;

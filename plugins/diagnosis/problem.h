@@ -58,6 +58,8 @@ struct Problem {
     }
     /// Work that an answer can do without is left out.
     bool out_of_time() const { return limit != nullptr && limit->reached(); }
+    /// Whether as much work as was done is left.
+    bool time_for_as_much() const { return limit == nullptr || limit->leaves_as_much(); }
     /// Observed minus simulated, 0 where lost [m].
     Eigen::VectorXd residual_of(const Eigen::VectorXd& trajectory) const {
         const Eigen::VectorXd difference = recording.observed - trajectory;

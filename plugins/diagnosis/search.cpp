@@ -134,8 +134,10 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base
     }
     std::vector<Cause> causes = fit_chosen(problem, nominal, base, chosen);
     fit_family(problem, nominal, base, screening, causes);
-    if (known == nullptr) add_screened(screening, causes);
-    finish(problem, nominal, base, screening, causes);
+    if (known == nullptr)
+        add_screened(screening, causes);
+    else
+        finish(problem, nominal, base, screening, causes);
     return causes;
 }
 

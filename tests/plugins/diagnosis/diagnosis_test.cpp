@@ -4,9 +4,11 @@
 
 #include <gtest/gtest.h>
 
+#include <ctime>
 #include <random>
 
 #include "plugins/diagnosis/share_work.h"
+#include "plugins/diagnosis/work_limit.h"
 #include "tests/support/test_data.h"
 #include "tests/support/toy_body.h"
 
@@ -363,6 +365,17 @@ TEST(Diagnosis, TwoModelsSayWhatOneSays) {
         EXPECT_NEAR(alone->verdict.causes[k].probability, both->verdict.causes[k].probability, 1e-9);
     }
     EXPECT_EQ(alone->discrepancy.columns, both->discrepancy.columns);
+}
+
+TEST(WorkLimit, TellsWhenHalfIsUsed) {
+    const WorkLimit none(0.0), limit(0.4);
+    EXPECT_TRUE(limit.leaves_as_much());
+    const std::clock_t start = std::clock();
+    while (std::clock() - start < CLOCKS_PER_SEC / 4) {
+    }
+    EXPECT_FALSE(limit.leaves_as_much());
+    EXPECT_TRUE(none.leaves_as_much());
+    EXPECT_FALSE(none.reached());
 }
 
 TEST(ShareWork, EvenAndOddAndWhatIsThrown) {
