@@ -143,9 +143,9 @@ Result<std::vector<Eigen::MatrixXd>> variant_differences(Simulator& simulator, c
         if (cancelled) return;
         Eigen::MatrixXd of_markers(nominal.markers, static_cast<Eigen::Index>(frames.size())),
             of_points(points, of_markers.cols());
-        const TrajectoryReport report = simulator.simulate_variant(
-            v, at, frames, {of_markers.data(), static_cast<std::size_t>(of_markers.size())},
-            {of_points.data(), static_cast<std::size_t>(of_points.size())});
+        const TrajectoryReport report =
+            simulator.simulate_variant(v, at, frames, {of_markers.data(), static_cast<std::size_t>(of_markers.size())},
+                                       {of_points.data(), static_cast<std::size_t>(of_points.size())});
         Eigen::MatrixXd difference(nominal.channels.rows(), of_markers.cols());
         difference.topRows(nominal.markers) = of_markers;
         difference.bottomRows(points) = of_points;
@@ -213,8 +213,7 @@ Discrepancy condense(std::vector<Eigen::MatrixXd> differences, const std::vector
 
 }  // namespace
 
-Result<Discrepancy> discrepancy_about(Simulator& simulator, const Assumption& at,
-                                      const Simulator::Progress& progress) {
+Result<Discrepancy> discrepancy_about(Simulator& simulator, const Assumption& at, const Simulator::Progress& progress) {
     TrajectoryModel& model = simulator.mechanics();
     std::vector<std::int32_t> frames;
     const std::size_t count = model.dynamic() ? simulator.num_frames() : std::min(kFrames, simulator.num_frames());

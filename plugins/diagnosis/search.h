@@ -11,9 +11,9 @@ inline std::size_t beginning_of(const Recording& recording) {
     return static_cast<std::size_t>(kBeginning * static_cast<double>(recording.num_frames));
 }
 
-/// Screens all effects on top of `base` (null: of the nominal fit, which then is the simulator's base) and refits the
-/// best; best score first. Where `base` is null, effects that were only screened are among them with their linear
-/// score.
+/// Screens all effects on top of `base` and refits and finishes the best; best score first. Where `base` is null (the
+/// nominal fit, which then is the simulator's base) they are in no order, nothing is finished yet (search_steps.h), and
+/// effects that were only screened are among them with their linear score.
 std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base, Screening& screening);
 
 /// Before several effects are named, supports among them (contact, slackness) get a fit that starts at full size;
