@@ -20,9 +20,12 @@ constexpr double kSettled = 0.95;  // of what was left: no further round
 constexpr double kFarOff = 2.0;    // times the misfit without the effect: no start
 constexpr double kFarTheta = 1.5;  // prior standard deviations from the prior at which a refit starts at most
 
-bool mechanical(const Problem& problem, const Cause& cause) {
-    return std::any_of(cause.entries.begin(), cause.entries.end(),
-                       [&](std::size_t e) { return !problem.simulator.effects()[e].sensor; });
+// Whether one of its effects may differ from the catalogue's in its form.
+bool has_form(const Problem& problem, const Cause& cause) {
+    return std::any_of(cause.entries.begin(), cause.entries.end(), [&](std::size_t e) {
+        const EffectEntry& entry = problem.simulator.effects()[e];
+        return !entry.sensor && !entry.exact_form();
+    });
 }
 
 }  // namespace
@@ -121,7 +124,7 @@ double form_share(const Problem& problem, const Cause& known) {
     double share = 0.0;
     for (const std::size_t e : known.entries) {
         const EffectEntry& entry = problem.simulator.effects()[e];
-        if (entry.sensor) continue;
+        if (entry.sensor || entry.exact_form()) continue;
         const double own = problem.simulator.mechanics().dynamic() ? c.form_error_dynamic
                            : entry.local_support()                 ? c.form_error_local_support
                                                                    : c.form_error;
@@ -137,7 +140,7 @@ double gain_beside_forms(const Problem& problem, const Fit& nominal, const Base&
     const Calibration& c = problem.options.calibration;
     const ErrorFloor& floor = problem.floor;
     const Left both = left_under(problem, base.looser, cause.fit, nominal.u.size());
-    const bool fixed = problem.simulator.mechanics().dynamic() || !mechanical(problem, base.known);
+    const bool fixed = problem.simulator.mechanics().dynamic() || !has_form(problem, base.known);
     const bool sensor = problem.simulator.effects()[cause.entries.back()].sensor;
     const Left expected = sensor ? Left(0.0) : form_error(problem, nominal, base.known);
     const auto part = [&](double alone, double with, double of_form, double noise, double model) {

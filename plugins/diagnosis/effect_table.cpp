@@ -24,6 +24,12 @@ bool EffectEntry::rough_form() const {
     return (support() || parted) && has_place(*this);
 }
 
+bool EffectEntry::exact_form() const {
+    return std::string_view(info.kind) == "load" &&
+           std::none_of(parameters.begin(), parameters.end(),
+                        [](const auto& p) { return p.role == EffectRole::kShape; });
+}
+
 const double* value_of(const EffectEntry& entry, const ActiveEffect& effect, std::string_view name) {
     for (std::size_t p = 0; p < entry.parameters.size(); ++p)
         if (name == entry.parameters[p].name) return &effect.values[p];

@@ -28,6 +28,9 @@ struct EffectEntry {
     bool local_support() const;
     /// Holds, lets go or is parted at a place of its own: what really does differs from the catalogue's smooth form.
     bool rough_form() const;
+    /// A load that has neither place nor course of its own (weight, a gain of known forces): where and when it acts is
+    /// known, so that there is nothing of its form that the catalogue could get wrong.
+    bool exact_form() const;
 };
 
 /// An effect switched on. `values`: physical, one per parameter.

@@ -16,8 +16,9 @@
 
 namespace teres {
 
-/// Columns for every mechanical effect of `at` [m], full trajectory rows; those of effects without which the body does
-/// not hold are left out. `with`: the trajectory at `at`. Leaves the simulator's base at `at`.
+/// Columns for every mechanical effect of `at` [m] whose form is not exact (effect_table.h), full trajectory rows;
+/// those of effects without which the body does not hold are left out. `with`: the trajectory at `at`. Leaves the
+/// simulator's base at `at`.
 Eigen::MatrixXd form_columns(Simulator& simulator, const Assumption& at, const Eigen::VectorXd& with, double share);
 
 }  // namespace teres

@@ -38,5 +38,12 @@ TEST(EffectTable, WhatHoldsOrPartsAtAPlaceHasARoughForm) {
     EXPECT_FALSE(entry("boundary", false, false).rough_form()) << "a clamp";
 }
 
+TEST(EffectTable, ALoadWithNeitherPlaceNorCourseHasAnExactForm) {
+    EXPECT_TRUE(entry("load", false, false).exact_form()) << "weight";
+    EXPECT_FALSE(entry("load", true, true).exact_form()) << "another tool";
+    EXPECT_FALSE(entry("mechanics", false, false).exact_form()) << "a modulus: of a law that may be another";
+    EXPECT_FALSE(entry("boundary", false, false).exact_form()) << "breathing: of a course that may be another";
+}
+
 }  // namespace
 }  // namespace teres
