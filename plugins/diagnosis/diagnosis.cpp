@@ -210,77 +210,95 @@ void weigh_state(Problem& problem, const Fit& nominal, std::vector<Cause>& cause
                             .model;
 }
 
-// Nominal fit, search, verdict. `before`: what failed later when other data were held out, one more rival; or null.
-// Returns what fails later now: all is to be searched again, with other data held out.
+// While it lives, several hypotheses of a problem are fitted two at a time where its model has a twin.
+class SecondThread {
+  public:
+    explicit SecondThread(Problem& problem) : problem_(problem) {}
+    ~SecondThread() { problem_.beside = nullptr; }
+    SecondThread(const SecondThread&) = delete;
+    SecondThread& operator=(const SecondThread&) = delete;
+
+    Result<void> begin(const GapRecording& recording, const EffectTable& effects) {
+        TrajectoryModel* twin = recording.mechanics->twin();
+        if (twin == nullptr) return {};
+        simulator_.emplace(*twin, recording.sensors, effects);
+        TERES_TRY_ASSIGN(outlook_, Outlook::make(recording, effects, problem_.options.calibration, true));
+        beside_.emplace(Problem{*simulator_, problem_.recording, problem_.options, problem_.discrepancy,
+                                problem_.whitener, problem_.floor, outlook_.get(), problem_.limit});
+        beside_->span = problem_.span;
+        problem_.beside = &*beside_;
+        return {};
+    }
+
+  private:
+    Problem& problem_;
+    std::optional<Simulator> simulator_;
+    std::optional<Problem> beside_;
+    std::unique_ptr<Outlook> outlook_;
+};
+
+Verdict judge_now(const Problem& problem, const Fit& nominal, const std::vector<Cause>& causes) {
+    return judge(causes, left_of(nominal), problem.floor, problem.options.calibration);
+}
+
+// One more effect on top of the best set, as long as that pays.
+void add_effects(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes) {
+    const Calibration& calibration = problem.options.calibration;
+    if (unknown_gain(left_of(nominal), problem.floor, calibration) <=
+        calibration.unknown_least() + calibration.none_bonus)
+        return;
+    for (int count = 2; count <= problem.options.max_effects; ++count) {
+        // With inertia, what is left after many periods shows what stands for what.
+        const Cause& best = causes.front();
+        const bool enough = count > 2 && best.explained > kNearlyAll &&
+                            (!problem.simulator.mechanics().dynamic() || problem.floor.explains(left_of(best.fit)));
+        if (enough || problem.out_of_time() || !search_further(problem, nominal, screening, causes)) return;
+    }
+}
+
+// Nominal fit; one effect; then, as long as it pays, one more on top of the best; then what first order may have
+// overlooked. `before`: what failed later when other data were held out, one more rival; or null. Returns what fails
+// later now: all is to be searched again, with other data held out.
 Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& recording, const EffectTable& effects,
                                          const Cause* before, Diagnosis& out) {
-    const DiagnosisOptions& options = problem.options;
-    // What the nominal model can explain, and whether anything is left.
-    stage(options, "nominal fit")(0.0);
-    out.nominal = nominal_fit(problem, before != nullptr ? out.nominal.at : prior_median(*recording.mechanics));
-    if (!out.nominal.usable) return not_usable(out.name + ": the nominal model does not converge");
-    stage(options, "nominal fit")(1.0);
+    stage(problem.options, "nominal fit")(0.0);
+    Fit& nominal = out.nominal =
+        nominal_fit(problem, before != nullptr ? out.nominal.at : prior_median(*recording.mechanics));
+    if (!nominal.usable) return not_usable(out.name + ": the nominal model does not converge");
+    stage(problem.options, "nominal fit")(1.0);
+    SecondThread second(problem);
+    TERES_TRY(second.begin(recording, effects));
 
-    // Several hypotheses are fitted two at a time where the model has a twin.
-    std::optional<Simulator> second;
-    std::optional<Problem> beside;
-    std::unique_ptr<Outlook> outlook_beside;
-    if (TrajectoryModel* twin = recording.mechanics->twin(); twin != nullptr) {
-        second.emplace(*twin, recording.sensors, effects);
-        TERES_TRY_ASSIGN(outlook_beside, Outlook::make(recording, effects, options.calibration, true));
-        beside.emplace(Problem{*second, problem.recording, options, problem.discrepancy, problem.whitener,
-                               problem.floor, outlook_beside.get(), problem.limit});
-        beside->span = problem.span;
-        problem.beside = &*beside;
-    }
-
-    // One effect; then, as long as it pays, one more on top of the best; then what first order may have overlooked.
-    std::vector<Cause> causes = search(problem, out.nominal, nullptr, out.screening);
-    const auto judge_now = [&] {
-        out.verdict = judge(causes, left_of(out.nominal), problem.floor, options.calibration);
-    };
+    std::vector<Cause> causes = search(problem, nominal, nullptr, out.screening);
+    const auto fails = [&](const Cause* cause) { return fails_later(problem, cause); };
     // What fails later is searched again, with other data held out, if there is time for that: then nothing is finished
     // or added here.
-    const auto again = [&] {
-        judge_now();
-        return fails_later(problem, leading(out.verdict)) && problem.time_for_as_much();
+    const auto searched_again = [&] {
+        out.verdict = judge_now(problem, nominal, causes);
+        return fails(leading(out.verdict)) && problem.time_for_as_much();
     };
-    bool ended = again();
-    if (!ended) {
-        finish(problem, out.nominal, nullptr, out.screening, causes);
+    bool again = searched_again();
+    if (!again) {
+        finish(problem, nominal, nullptr, out.screening, causes);
         if (before != nullptr) {
-            keep_better(causes, fitted_from(problem, out.nominal, *before, before->fit.at, kAgainIterations));
+            keep_better(causes, fitted_from(problem, nominal, *before, before->fit.at, kAgainIterations));
             sort_by_score(causes);
         }
-        ended = again();
+        again = searched_again();
     }
-    out.confusability = confusability(out.screening, out.nominal.J);
-    const bool something = unknown_gain(left_of(out.nominal), problem.floor, options.calibration) >
-                           options.calibration.unknown_least() + options.calibration.none_bonus;
-    const auto add_more = [&] {
-        for (int count = 2; something && count <= options.max_effects; ++count) {
-            // With inertia, what is left after many periods shows what stands for what.
-            const Cause& best = causes.front();
-            const bool enough = count > 2 && best.explained > kNearlyAll &&
-                                (!problem.simulator.mechanics().dynamic() || problem.floor.explains(left_of(best.fit)));
-            if (enough || problem.out_of_time() || !search_further(problem, out.nominal, out.screening, causes)) break;
-        }
-    };
-    if (!ended && !causes.empty()) {
-        add_more();
-        judge_now();
-        if (!fails_later(problem, out.named()) && !problem.floor.explains(left_of(out.nominal)) &&
-            !problem.out_of_time() && look_again(problem, out.nominal, out.screening, causes)) {
-            add_more();
-            judge_now();
-        }
-        weigh_state(problem, out.nominal, causes);
-        judge_now();
+    out.confusability = confusability(out.screening, nominal.J);
+    if (!again && !causes.empty()) {
+        add_effects(problem, nominal, out.screening, causes);
+        out.verdict = judge_now(problem, nominal, causes);
+        if (!fails(out.named()) && !problem.floor.explains(left_of(nominal)) && !problem.out_of_time() &&
+            look_again(problem, nominal, out.screening, causes))
+            add_effects(problem, nominal, out.screening, causes);
+        weigh_state(problem, nominal, causes);
+        out.verdict = judge_now(problem, nominal, causes);
     }
-    const Cause* best = ended ? leading(out.verdict) : out.named();
-    problem.beside = nullptr;
     out.significant = out.verdict.none_probability < 0.5;
-    return fails_later(problem, best) ? std::optional<Cause>(*best) : std::nullopt;
+    const Cause* best = again ? leading(out.verdict) : out.named();
+    return fails(best) ? std::optional<Cause>(*best) : std::nullopt;
 }
 
 }  // namespace
