@@ -17,7 +17,8 @@ struct Calibration {
     double narrowing = 0.5;
     /// Prior cost of every effect beyond the first [nats].
     double further_effect = 3.0;
-    /// ... and of every mechanical effect beyond the first besides: two may stand for the error of form of one.
+    /// ... and of every mechanical effect beyond the first besides: two may stand for the error of form of one. Not of
+    /// what is there from the beginning beside what happens later: neither has the other's course in time.
     double further_mechanical = 5.0;
     /// `unknown` is a cause that would leave what right causes leave: this share of the model error ...
     double unknown_left = 0.7;

@@ -7,6 +7,7 @@ namespace teres {
 namespace {
 
 constexpr double kLeastShare = 0.05;  // of a parameter that cannot be zero
+constexpr double kFirstPart = 0.1;    // of a recording: what begins in it is there from the beginning
 
 bool has_place(const EffectEntry& entry) {
     return std::any_of(entry.parameters.begin(), entry.parameters.end(),
@@ -97,6 +98,14 @@ std::size_t EffectTable::num_amplitudes(std::size_t entry) const {
     const auto& parameters = entries_[entry].parameters;
     return static_cast<std::size_t>(std::count_if(parameters.begin(), parameters.end(),
                                                   [](const auto& p) { return p.role == EffectRole::kAmplitude; }));
+}
+
+bool EffectTable::happens(const ActiveEffect& effect) const {
+    const EffectEntry& entry = entries_[effect.entry];
+    if (!entry.info.event || mechanics_.num_frames() == 0) return false;
+    const double *onset = value_of(entry, effect, "onset"), start = mechanics_.time_s(0),
+                 end = mechanics_.time_s(mechanics_.num_frames() - 1);
+    return onset == nullptr || *onset > start + kFirstPart * (end - start);
 }
 
 }  // namespace teres

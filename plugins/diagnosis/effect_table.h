@@ -69,6 +69,9 @@ class EffectTable {
     /// The same with every amplitude but `amplitude` (counted among amplitudes) at null; npos: all at null.
     ActiveEffect single(const ActiveEffect& from, std::size_t amplitude) const;
     std::size_t num_amplitudes(std::size_t entry) const;
+    /// Whether an effect happens in the recording and leaves its beginning alone: an event whose onset, if it has one,
+    /// lies beyond the first tenth.
+    bool happens(const ActiveEffect& effect) const;
 
   private:
     const EffectCatalogue& catalogue(const EffectEntry& entry) const;

@@ -69,6 +69,14 @@ ErrorFloor floor_under_best(const std::vector<Cause>& causes, ErrorFloor floor) 
     return floor;
 }
 
+// By how many the mechanical effects of a fit that happen, or that are there from the beginning, exceed one.
+double more_than_one(const Fit& fit, const EffectTable& effects, bool happen) {
+    const auto count = std::count_if(fit.at.effects.begin(), fit.at.effects.end(), [&](const ActiveEffect& a) {
+        return !effects[a.entry].sensor && effects.happens(a) == happen;
+    });
+    return static_cast<double>(std::max<std::ptrdiff_t>(0, count - 1));
+}
+
 // Evidence for an effect that shows, logarithm: a score of 0 says that the effect may be there unseen, which is `none`.
 double visible_evidence(double score) {
     constexpr double kUnseen = 0.02, kLarge = 30.0;  // a trace of it, so that the order stays
@@ -110,8 +118,6 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
         counted += counted_amplitudes(static_cast<Eigen::Index>(own.size()));
         amplitude.insert(amplitude.end(), own.begin(), own.end());
     }
-    const auto mechanical =
-        std::count_if(cause.entries.begin(), cause.entries.end(), [&](std::size_t e) { return !effects[e].sensor; });
     const auto amplitudes = static_cast<Eigen::Index>(amplitude.size());
     std::vector<Eigen::Index> all = amplitude;
     all.insert(all.end(), shape.begin(), shape.end());
@@ -125,7 +131,7 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
         // A place that the fit narrows down further than the search grid does is the more fine-tuned.
         calibration.narrowing * std::max(0.0, narrowing_price(S, amplitudes) - cause.search_cost),
         calibration.further_effect * static_cast<double>(cause.entries.size() - 1) +
-            calibration.further_mechanical * static_cast<double>(std::max<std::ptrdiff_t>(0, mechanical - 1))};
+            calibration.further_mechanical * (more_than_one(fit, effects, true) + more_than_one(fit, effects, false))};
     cause.rough_form =
         std::any_of(cause.entries.begin(), cause.entries.end(), [&](std::size_t e) { return effects[e].rough_form(); });
     cause.misfit = misfit_of(fit, theta);

@@ -127,6 +127,38 @@ TEST(Verdict, AScaleFarFromWhatIsExpectedHasItsPrice) {
     EXPECT_NEAR(priced(0.0, 0.0).second - score, far, 1e-9);
 }
 
+// Two mechanical effects of one course in time may stand for the error of form of one; what happens and what is there
+// from the beginning have not one course.
+TEST(Verdict, AnEventBesideWhatIsThereFromTheBeginningIsNoErrorOfForm) {
+    using Toy = test::ToyBody;
+    Toy body;
+    const EffectTable effects(body, nullptr, {});
+    Fit nominal;
+    nominal.u = Eigen::VectorXd::Zero(2);
+    nominal.cost = kNominal;
+    const auto price_of_further = [&](std::vector<std::size_t> entries, double onset_s = 3.0) {
+        Eigen::Index columns = 2;
+        Cause cause;
+        for (const std::size_t e : entries) {
+            columns += effects[e].info.num_parameters;
+            cause.fit.at.effects.push_back(effects.candidate(e, 0));
+            if (e == Toy::kUnknownLoad) cause.fit.at.effects.back().values[5] = onset_s;
+        }
+        cause.entries = std::move(entries);
+        cause.fit.u = Eigen::VectorXd::Zero(columns);
+        cause.fit.J = Eigen::MatrixXd::Zero(4, columns);
+        cause.fit.cost = 1.0;
+        refit_score(nominal, cause, effects, kFloor, {});
+        return cause.price.further;
+    };
+    EXPECT_EQ(price_of_further({Toy::kGravity}), 0.0);
+    EXPECT_EQ(price_of_further({Toy::kGravity, Toy::kStiffness}), 3.0 + 5.0) << "both steady";
+    EXPECT_EQ(price_of_further({Toy::kUnknownLoad, Toy::kCut}), 3.0 + 5.0) << "both happen";
+    EXPECT_EQ(price_of_further({Toy::kUnknownLoad, Toy::kStiffness}), 3.0) << "one happens";
+    EXPECT_EQ(price_of_further({Toy::kUnknownLoad, Toy::kStiffness}, 0.5), 3.0 + 5.0) << "from the beginning";
+    EXPECT_EQ(price_of_further({Toy::kUnknownLoad, Toy::kStiffness, Toy::kGravity}), 6.0 + 5.0);
+}
+
 // A heartbeat leaves what the loads move as it is (4 of 10; the model may be off by 4) and takes away the 6 that have a
 // course of their own, of which the model's error explains 0.1: 22.5 ln(6.1 / 0.1) nats more than its price.
 TEST(Verdict, WhatHasACourseOfItsOwnIsNotTheModelsError) {
