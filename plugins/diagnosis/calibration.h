@@ -31,9 +31,10 @@ struct Calibration {
     /// and besides, because the catalogue holds what is likely [nats].
     double unknown_rarity = 1.0;
     double unknown_least() const { return unknown_price + unknown_rarity; }
-    /// Whitened cost per used number that remains on controls beyond the stated noise: of any body, and of one whose
-    /// other models differ, as a share of that difference (error_floor.h).
-    double model_error = 0.3;
+    /// Whitened cost per used number that remains on controls beyond the stated noise and what whitening leaves of the
+    /// discrepancy columns (error_floor.h).
+    double model_error = 0.35;
+    /// With inertia: what remains of the columns' own cost, a share.
     double discrepancy_share = 0.5;
     /// Of that error, what lies beside the span of the motion in time; and by what share of its variance the stated
     /// noise may be off (motion_span.h).

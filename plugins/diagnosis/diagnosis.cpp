@@ -206,7 +206,7 @@ void weigh_state(Problem& problem, const Fit& nominal, std::vector<Cause>& cause
         discrepancy_about(problem.simulator, state, stage(problem.options, "model error under the best"));
     if (!error) return;
     best->model_error = error_floor(problem.whitener, *error, best->fit.J.leftCols(nominal.u.size()),
-                                    problem.recording.noise_m, problem.options.calibration)
+                                    problem.recording.noise_m, false, problem.options.calibration)
                             .model;
 }
 
@@ -371,8 +371,8 @@ Result<Plan> plan(const GapRecording& from, const EffectTable& effects, const Di
     recording.observed = recording.observed.array().isFinite().select(motion, recording.observed);
     problem.whitener = whitener_for(recording, problem.discrepancy, motion, options.calibration);
     const Fit nominal = problem.fit(median, 0);
-    const ErrorFloor floor =
-        error_floor(problem.whitener, problem.discrepancy, nominal.J, recording.noise_m, options.calibration);
+    const ErrorFloor floor = error_floor(problem.whitener, problem.discrepancy, nominal.J, recording.noise_m,
+                                         from.mechanics->dynamic(), options.calibration);
     Plan out{recording.name,
              screen(simulator, signatures(simulator, nominal, {}, stage(options, "signatures")), problem.whitener,
                     floor, nominal, options.calibration, recording.num_frames),

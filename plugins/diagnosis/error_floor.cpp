@@ -52,14 +52,17 @@ ErrorFloor split_floor(ErrorFloor floor, double free_share, const Calibration& c
 }
 
 ErrorFloor error_floor(const Whitener& whitener, const Discrepancy& discrepancy, const Eigen::MatrixXd& J,
-                       double noise_m, const Calibration& calibration) {
+                       double noise_m, bool dynamic, const Calibration& calibration) {
     ErrorFloor floor;
     floor.noise = noise_m * noise_m * whitener.inverse_sigma().squaredNorm();
     floor.model = calibration.model_error * static_cast<double>(whitener.size());
     if (discrepancy.columns.cols() == 0) return floor;
-    const Eigen::MatrixXd D = whitener.inverse_sigma().asDiagonal() * discrepancy.columns(whitener.rows(), Eigen::all);
+    Eigen::MatrixXd D = whitener(discrepancy.columns);
+    if (dynamic)
+        D = std::sqrt(calibration.discrepancy_share) *
+            (whitener.inverse_sigma().asDiagonal() * discrepancy.columns(whitener.rows(), Eigen::all));
     const Eigen::MatrixXd H = Eigen::MatrixXd::Identity(J.cols(), J.cols()) + J.transpose() * J, JD = J.transpose() * D;
-    floor.model += calibration.discrepancy_share * (D.squaredNorm() - JD.cwiseProduct(H.llt().solve(JD)).sum());
+    floor.model += D.squaredNorm() - JD.cwiseProduct(H.llt().solve(JD)).sum();
     return floor;
 }
 

@@ -3,7 +3,10 @@
 // hide a cause:
 //
 //     above(c) = max(c - noise, 0) + model
-//     model    = n model_error + share ||(I + J J^T)^-1/2 S^-1/2 D||^2     S^-1/2: without the discrepancy columns D
+//     model    = n model_error + ||(I + J J^T)^-1/2 W D||^2     W D: what whitening leaves of the discrepancy columns
+//
+// With inertia a phase runs away, so that the columns tell the size of the error, not its shape: there share S^-1/2 D,
+// not whitened by them, stands for W D.
 //
 // Of the model's error hardly anything lies beside the span of the motion in time (motion_span.h), so what a hypothesis
 // leaves there is compared on its own:
@@ -56,9 +59,9 @@ struct ErrorFloor {
     double cost_of(double above) const { return noise + above - model; }
 };
 
-/// J: whitened derivatives of the nominal parameters (the ligaments take up what they can).
+/// J: whitened derivatives of the nominal parameters (the ligaments take up what they can). `dynamic`: with inertia.
 ErrorFloor error_floor(const Whitener& whitener, const Discrepancy& discrepancy, const Eigen::MatrixXd& J,
-                       double noise_m, const Calibration& calibration);
+                       double noise_m, bool dynamic, const Calibration& calibration);
 
 /// The same, told apart: `free_share` of the used numbers lies beside the span of the motion.
 ErrorFloor split_floor(ErrorFloor floor, double free_share, const Calibration& calibration);

@@ -76,7 +76,7 @@ Fit nominal_fit(Problem& problem, const Assumption& start) {
     problem.complete(fit);
     problem.look_ahead(fit);
     problem.floor = error_floor(problem.whitener, problem.discrepancy, fit.J, problem.recording.noise_m,
-                                problem.options.calibration);
+                                simulator.mechanics().dynamic(), problem.options.calibration);
     if (simulator.mechanics().dynamic()) return fit;  // there the model's error has a course of its own
     problem.span = std::make_shared<const MotionSpan>(fit.trajectory, 3 * problem.recording.num_markers,
                                                       problem.recording.fit_rows);
