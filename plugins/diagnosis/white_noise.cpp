@@ -8,6 +8,7 @@ namespace {
 
 constexpr Eigen::Index kSpatialModes = 3;  // what moves many markers at once is not noise
 constexpr double kStandsOut = 1.1;         // of the largest singular value of white noise
+constexpr double kLeastWeight = 0.5;       // of the median one
 
 // A row per channel, a column per frame; lost entries are zero in R and not seen.
 struct Residual {
@@ -68,8 +69,20 @@ double white_noise_factor(const Eigen::VectorXd& residual, const std::vector<Eig
 double stated_noise_factor(const Eigen::VectorXd& residual, const Whitener& whitener, double noise,
                            std::size_t num_markers) {
     if (noise <= 0.0) return 1.0;
-    const double stated = std::sqrt(noise / static_cast<double>(whitener.size()));
-    return std::max(1.0, white_noise_factor(residual, whitener.rows(), num_markers) / stated);
+    // In metres, where noise is as large at every frame: whitened, that of the few that weigh most would look like few
+    // modes. Frames near another equilibrium, which weigh little, jump.
+    const Eigen::VectorXd& weight = whitener.inverse_sigma();
+    std::vector<double> sorted(weight.begin(), weight.end());
+    const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+    std::nth_element(sorted.begin(), middle, sorted.end());
+    std::vector<Eigen::Index> rows, used;
+    for (Eigen::Index k = 0; k < weight.size(); ++k) {
+        if (weight(k) < kLeastWeight * *middle) continue;
+        used.push_back(k);
+        rows.push_back(whitener.rows()[static_cast<std::size_t>(k)]);
+    }
+    const double stated_m = std::sqrt(noise / weight.squaredNorm());
+    return std::max(1.0, white_noise_factor(residual(used).cwiseQuotient(weight(used)), rows, num_markers) / stated_m);
 }
 
 }  // namespace teres

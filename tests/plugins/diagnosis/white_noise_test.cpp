@@ -49,5 +49,19 @@ TEST(WhiteNoise, IsComparedWithWhatIsStated) {
     EXPECT_EQ(stated_noise_factor(white(1.7), whitener, 0.0, kMarkers), 1.0) << "none is stated";
 }
 
+// Of ten frames four weigh a fifth, because the body is next to another equilibrium there, and three weigh much: the
+// noise of these is no motion of all markers.
+TEST(WhiteNoise, IsTheSameWhereverFramesWeighLess) {
+    Eigen::VectorXd sigma(kChannels * kFrames), residual = white(1.7);
+    for (Eigen::Index k = 0; k < sigma.size(); ++k) {
+        const Eigen::Index f = k / kChannels % 10;
+        sigma(k) = f < 4 ? 5.0 : f < 7 ? 1.0 : 1.8;
+        residual(k) /= sigma(k);
+    }
+    const Whitener whitener(all_rows(), sigma, Eigen::MatrixXd(kChannels * kFrames, 0));
+    const double stated = 1.25 * 1.25 * sigma.cwiseInverse().squaredNorm();
+    EXPECT_NEAR(stated_noise_factor(residual, whitener, stated, kMarkers), 1.7 / 1.25, 0.06);
+}
+
 }  // namespace
 }  // namespace teres
