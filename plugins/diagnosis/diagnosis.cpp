@@ -145,7 +145,9 @@ void close_on_held_out(Diagnosis& out, Forecast& forecast, const Fit& best, cons
         forecast.known.push_back({best.at, after, {}});
     }
     const Discrepancy& error = problem.discrepancy;
-    const bool error_known = !forecast.beginning_fitted && error.columns.cols() > 0;
+    // Where something is there that nobody named, what the columns take up is not the model's error.
+    const bool error_known =
+        !forecast.beginning_fitted && error.columns.cols() > 0 && (named != nullptr || !out.significant);
     const auto learned = [&](const Eigen::VectorXd& from) -> Eigen::VectorXd {
         return learned_error(problem.whitener, error, problem.residual_of(from));
     };

@@ -218,6 +218,9 @@ TEST(Diagnosis, WithheldCauseIsUnknownNotSomethingElse) {
     ASSERT_TRUE(d->where.center_m) << "the force map places what has no name";
     EXPECT_LT((Eigen::Vector3d((*d->where.center_m).data()) - Eigen::Vector3d(0.08, 0.03, 0.01)).norm(), 0.035)
         << "one patch (marker spacing 40-50 mm)";
+    EXPECT_EQ(d->shrinkage.after_m, d->shrinkage.before_m)
+        << "nothing was added: the model's error is not what is left";
+    EXPECT_EQ(d->ladder.size(), 1);
 }
 
 TEST(Diagnosis, TwoCausesAreBothNamed) {
