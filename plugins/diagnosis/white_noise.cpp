@@ -8,6 +8,7 @@ namespace {
 
 constexpr Eigen::Index kSpatialModes = 3;  // what moves many markers at once is not noise
 constexpr double kStandsOut = 1.1;         // of the largest singular value of white noise
+constexpr double kLeastShare = 0.2;        // of white noise that is left without the leading modes
 constexpr double kLeastWeight = 0.5;       // of the median one
 
 // A row per channel, a column per frame; lost entries are zero in R and not seen.
@@ -53,17 +54,19 @@ double white_noise_factor(const Eigen::VectorXd& residual, const std::vector<Eig
     if (frames < 4 || channels <= 2 * kSpatialModes) return 1.0;
     const Eigen::BDCSVD<Eigen::MatrixXd> svd(left.R, Eigen::ComputeThinU);
     const Eigen::MatrixXd all = left.R;
-    const auto without = [&](Eigen::Index modes) {
+    const auto without = [&](Eigen::Index modes, double share_of_one) {
         const Eigen::MatrixXd U = svd.matrixU().leftCols(modes);
         left.R = all - U * (U.transpose() * all);
-        return standard_deviation(left, 1.0 - static_cast<double>(modes) / static_cast<double>(channels));
+        return standard_deviation(left, std::max(kLeastShare, 1.0 - static_cast<double>(modes) * share_of_one));
     };
-    // Leading modes take more than their share of white noise, so only those are taken off that stand out of it.
-    const double edge = kStandsOut * without(kSpatialModes) *
-                        (std::sqrt(static_cast<double>(channels)) + std::sqrt(static_cast<double>(frames)));
+    // Leading modes of white noise have singular values up to sqrt(channels) + sqrt(frames), more than a channel's
+    // share: only what stands out of that, were they all of it, is taken off.
+    const auto count = static_cast<double>(channels), length = static_cast<double>(frames);
+    const double largest = std::sqrt(count) + std::sqrt(length);
+    const double edge = kStandsOut * largest * without(kSpatialModes, largest * largest / (count * length));
     Eigen::Index modes = 0;
     while (modes < std::min(kSpatialModes, svd.singularValues().size()) && svd.singularValues()(modes) > edge) ++modes;
-    return without(modes);
+    return without(modes, 1.0 / count);
 }
 
 double stated_noise_factor(const Eigen::VectorXd& residual, const Whitener& whitener, double noise,

@@ -17,8 +17,8 @@ std::vector<Eigen::Index> all_rows() {
     return rows;
 }
 
-Eigen::VectorXd white(double deviation) {
-    std::mt19937 random(3);
+Eigen::VectorXd white(double deviation, unsigned seed = 3) {
+    std::mt19937 random(seed);
     std::normal_distribution<double> normal(0.0, deviation);
     Eigen::VectorXd out(kChannels * kFrames);
     for (double& x : out) x = normal(random);
@@ -27,6 +27,15 @@ Eigen::VectorXd white(double deviation) {
 
 TEST(WhiteNoise, OfNoiseAloneIsItsDeviation) {
     EXPECT_NEAR(white_noise_factor(white(1.7), all_rows(), kMarkers), 1.7, 0.05);
+}
+
+// Its own leading modes are no motion of the markers: of few frames they hold a quarter of it.
+TEST(WhiteNoise, OfFewFramesIsItsDeviation) {
+    constexpr Eigen::Index kFew = kChannels * 30;
+    std::vector<Eigen::Index> rows = all_rows();
+    rows.resize(kFew);
+    for (unsigned seed = 1; seed <= 20; ++seed)
+        EXPECT_NEAR(white_noise_factor(white(1.7, seed).head(kFew), rows, kMarkers), 1.7, 0.15) << seed;
 }
 
 // Two courses that change from frame to frame and move all markers.
