@@ -10,7 +10,7 @@ struct Calibration {
     /// Bonus of the answer `none` [nats].
     double none_bonus = 3.5;
     /// Evidence for any effect, where all that it explains may be the model's own error, is at most this [nats].
-    double within_floor = 4.0;
+    double within_floor = 3.0;
     /// Probabilities are p^(1/temperature): sealed cases were right less often than untempered ones said.
     double temperature = 1.5;
     /// Share of what a fit narrows a place or times down beyond the search grid that an effect pays for.
@@ -31,11 +31,11 @@ struct Calibration {
     /// and besides, because the catalogue holds what is likely [nats].
     double unknown_rarity = 1.0;
     double unknown_least() const { return unknown_price + unknown_rarity; }
-    /// Whitened cost per used number that remains on controls beyond the stated noise and what whitening leaves of the
-    /// discrepancy columns (error_floor.h).
+    /// Whitened cost per used number that remains on controls beyond the stated noise: of any body, and of one whose
+    /// other models differ, as a share of that difference (error_floor.h), without and with inertia.
     double model_error = 0.35;
-    /// With inertia: what remains of the columns' own cost, a share.
-    double discrepancy_share = 0.5;
+    double discrepancy_share = 0.15;
+    double discrepancy_share_dynamic = 0.5;
     /// Of that error, what lies beside the span of the motion in time; and by what share of its variance the stated
     /// noise may be off (motion_span.h).
     double beside_model = 0.1;

@@ -57,12 +57,10 @@ ErrorFloor error_floor(const Whitener& whitener, const Discrepancy& discrepancy,
     floor.noise = noise_m * noise_m * whitener.inverse_sigma().squaredNorm();
     floor.model = calibration.model_error * static_cast<double>(whitener.size());
     if (discrepancy.columns.cols() == 0) return floor;
-    Eigen::MatrixXd D = whitener(discrepancy.columns);
-    if (dynamic)
-        D = std::sqrt(calibration.discrepancy_share) *
-            (whitener.inverse_sigma().asDiagonal() * discrepancy.columns(whitener.rows(), Eigen::all));
+    const Eigen::MatrixXd D = whitener.inverse_sigma().asDiagonal() * discrepancy.columns(whitener.rows(), Eigen::all);
     const Eigen::MatrixXd H = Eigen::MatrixXd::Identity(J.cols(), J.cols()) + J.transpose() * J, JD = J.transpose() * D;
-    floor.model += D.squaredNorm() - JD.cwiseProduct(H.llt().solve(JD)).sum();
+    floor.model += (dynamic ? calibration.discrepancy_share_dynamic : calibration.discrepancy_share) *
+                   (D.squaredNorm() - JD.cwiseProduct(H.llt().solve(JD)).sum());
     return floor;
 }
 

@@ -3,10 +3,10 @@
 // hide a cause:
 //
 //     above(c) = max(c - noise, 0) + model
-//     model    = n model_error + ||(I + J J^T)^-1/2 W D||^2     W D: what whitening leaves of the discrepancy columns
+//     model    = n model_error + share ||(I + J J^T)^-1/2 S^-1/2 D||^2     S^-1/2: without the discrepancy columns D
 //
-// With inertia a phase runs away, so that the columns tell the size of the error, not its shape: there share S^-1/2 D,
-// not whitened by them, stands for W D.
+// The whitener takes up what lies in the directions of D: the share is what lies in none of them. With inertia a phase
+// runs away, so that the columns tell the size of the error more than its shape: a larger share.
 //
 // Of the model's error hardly anything lies beside the span of the motion in time (motion_span.h), so what a hypothesis
 // leaves there is compared on its own:

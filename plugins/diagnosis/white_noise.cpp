@@ -6,10 +6,12 @@
 namespace teres {
 namespace {
 
-constexpr Eigen::Index kSpatialModes = 3;  // what moves many markers at once is not noise
-constexpr double kStandsOut = 1.1;         // of the largest singular value of white noise
-constexpr double kLeastShare = 0.2;        // of white noise that is left without the leading modes
-constexpr double kLeastWeight = 0.5;       // of the median one
+constexpr Eigen::Index kSpatialModes = 3;                     // what moves many markers at once is not noise
+constexpr double kStandsOut = 1.1;                            // of the largest singular value of white noise
+constexpr double kOverlap = 1.0 + 2.0 * (16.0 + 1.0) / 36.0;  // 1 + 2 sum of squared correlations, -4/6 and 1/6
+constexpr double kMisstated = 1.1;    // times the stated one: no finding, nobody knows noise better
+constexpr double kLeastShare = 0.2;   // of white noise that is left without the leading modes
+constexpr double kLeastWeight = 0.5;  // of the median one
 
 // A row per channel, a column per frame; lost entries are zero in R and not seen.
 struct Residual {
@@ -17,11 +19,13 @@ struct Residual {
     Eigen::MatrixXi seen;
 };
 
-// Var of second differences of white noise is 6 sigma^2; the median over channels ignores single bad markers. `kept`:
-// share of the noise that is still there.
+// Var of second differences of white noise is 6 sigma^2; the median over channels ignores single bad markers. That of
+// chi^2 / k is (1 - 2/(9 k))^3 (Wilson and Hilferty), k: so many of the differences, which overlap, are independent.
+// `kept`: share of the noise that is still there.
 double standard_deviation(const Residual& residual, double kept) {
     const auto& [R, seen] = residual;
     std::vector<double> variance;
+    int most = 0;
     for (Eigen::Index c = 0; c < R.rows(); ++c) {
         double sum = 0.0;
         int count = 0;
@@ -32,11 +36,13 @@ double standard_deviation(const Residual& residual, double kept) {
                 ++count;
             }
         if (count > 2) variance.push_back(sum / count);
+        most = std::max(most, count);
     }
     if (variance.empty()) return 1.0;
     const auto middle = variance.begin() + static_cast<std::ptrdiff_t>(variance.size() / 2);
     std::nth_element(variance.begin(), middle, variance.end());
-    return std::sqrt(*middle / kept);
+    const double of_median = std::pow(1.0 - 2.0 * kOverlap / (9.0 * most), 3);
+    return std::sqrt(*middle / (kept * of_median));
 }
 
 }  // namespace
@@ -85,7 +91,8 @@ double stated_noise_factor(const Eigen::VectorXd& residual, const Whitener& whit
         rows.push_back(whitener.rows()[static_cast<std::size_t>(k)]);
     }
     const double stated_m = std::sqrt(noise / weight.squaredNorm());
-    return std::max(1.0, white_noise_factor(residual(used).cwiseQuotient(weight(used)), rows, num_markers) / stated_m);
+    const double factor = white_noise_factor(residual(used).cwiseQuotient(weight(used)), rows, num_markers) / stated_m;
+    return factor > kMisstated ? factor : 1.0;
 }
 
 }  // namespace teres

@@ -14,7 +14,7 @@ double white_noise_factor(const Eigen::VectorXd& residual, const std::vector<Eig
                           std::size_t num_markers);
 
 /// That over what the stated noise leaves, whose whitened cost is `noise`: by how much the markers scatter more than
-/// stated. No less than 1; 1 where no noise is stated.
+/// stated. 1 up to 1.1, which no noise is known to, and where none is stated.
 double stated_noise_factor(const Eigen::VectorXd& residual, const Whitener& whitener, double noise,
                            std::size_t num_markers);
 

@@ -34,8 +34,13 @@ TEST(WhiteNoise, OfFewFramesIsItsDeviation) {
     constexpr Eigen::Index kFew = kChannels * 30;
     std::vector<Eigen::Index> rows = all_rows();
     rows.resize(kFew);
-    for (unsigned seed = 1; seed <= 20; ++seed)
-        EXPECT_NEAR(white_noise_factor(white(1.7, seed).head(kFew), rows, kMarkers), 1.7, 0.15) << seed;
+    double mean = 0.0;
+    for (unsigned seed = 1; seed <= 20; ++seed) {
+        const double factor = white_noise_factor(white(1.7, seed).head(kFew), rows, kMarkers);
+        EXPECT_NEAR(factor, 1.7, 0.15) << seed;
+        mean += factor / 20.0;
+    }
+    EXPECT_NEAR(mean, 1.7, 0.02) << "four standard deviations of the mean";
 }
 
 // Two courses that change from frame to frame and move all markers.
@@ -55,21 +60,24 @@ TEST(WhiteNoise, IsComparedWithWhatIsStated) {
     const double stated = 1.25 * 1.25 * static_cast<double>(kChannels * kFrames);
     EXPECT_NEAR(stated_noise_factor(white(1.7), whitener, stated, kMarkers), 1.7 / 1.25, 0.04);
     EXPECT_EQ(stated_noise_factor(white(1.0), whitener, stated, kMarkers), 1.0) << "less than stated is no finding";
+    EXPECT_EQ(stated_noise_factor(white(1.3), whitener, stated, kMarkers), 1.0) << "nor is a little more";
     EXPECT_EQ(stated_noise_factor(white(1.7), whitener, 0.0, kMarkers), 1.0) << "none is stated";
 }
 
 // Of ten frames four weigh a fifth, because the body is next to another equilibrium there, and three weigh much: the
 // noise of these is no motion of all markers.
 TEST(WhiteNoise, IsTheSameWhereverFramesWeighLess) {
-    Eigen::VectorXd sigma(kChannels * kFrames), residual = white(1.7);
+    Eigen::VectorXd sigma(kChannels * kFrames);
     for (Eigen::Index k = 0; k < sigma.size(); ++k) {
         const Eigen::Index f = k / kChannels % 10;
         sigma(k) = f < 4 ? 5.0 : f < 7 ? 1.0 : 1.8;
-        residual(k) /= sigma(k);
     }
     const Whitener whitener(all_rows(), sigma, Eigen::MatrixXd(kChannels * kFrames, 0));
     const double stated = 1.25 * 1.25 * sigma.cwiseInverse().squaredNorm();
-    EXPECT_NEAR(stated_noise_factor(residual, whitener, stated, kMarkers), 1.7 / 1.25, 0.06);
+    double mean = 0.0;
+    for (unsigned seed = 1; seed <= 20; ++seed)
+        mean += stated_noise_factor(white(1.7, seed).cwiseQuotient(sigma), whitener, stated, kMarkers) / 20.0;
+    EXPECT_NEAR(mean, 1.7 / 1.25, 0.03);
 }
 
 }  // namespace
