@@ -207,7 +207,7 @@ TEST(Verdict, WhatTheModelsErrorMayBeIsLittleEvidence) {
     const Cause all = fitted({0}, 0.0, 2.0, 1.0);
     ASSERT_NEAR(all.score, 22.5 * std::log(2.0 / 1.0) - 2.0, 1e-9);
     const Verdict within = judge({all}, 1.0, kFloor, {});
-    // exp(4 - 3.5) to one, tempered
+    // exp(3 - 3.5) to one, tempered
     EXPECT_NEAR(probability_of(within, {0}) / within.none_probability, std::exp(-0.5 / 1.5), 0.02);
     const Verdict beyond = judge({fitted({0}, 0.0, 2.0, 1.6)}, 1.6, kFloor, {});
     EXPECT_GT(probability_of(beyond, {0}), 0.95);
