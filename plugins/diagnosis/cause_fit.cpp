@@ -22,10 +22,8 @@ constexpr double kFarTheta = 1.5;  // prior standard deviations from the prior a
 
 // Whether one of its effects may differ from the catalogue's in its form.
 bool has_form(const Problem& problem, const Cause& cause) {
-    return std::any_of(cause.entries.begin(), cause.entries.end(), [&](std::size_t e) {
-        const EffectEntry& entry = problem.simulator.effects()[e];
-        return !entry.sensor && !entry.exact_form();
-    });
+    return std::any_of(cause.entries.begin(), cause.entries.end(),
+                       [&](std::size_t e) { return !problem.simulator.effects()[e].exact_form(); });
 }
 
 }  // namespace
@@ -124,7 +122,7 @@ double form_share(const Problem& problem, const Cause& known) {
     double share = 0.0;
     for (const std::size_t e : known.entries) {
         const EffectEntry& entry = problem.simulator.effects()[e];
-        if (entry.sensor || entry.exact_form()) continue;
+        if (entry.exact_form()) continue;
         const double own = problem.simulator.mechanics().dynamic() ? c.form_error_dynamic
                            : entry.local_support()                 ? c.form_error_local_support
                                                                    : c.form_error;

@@ -26,9 +26,9 @@ bool EffectEntry::rough_form() const {
 }
 
 bool EffectEntry::exact_form() const {
-    return std::string_view(info.kind) == "load" &&
-           std::none_of(parameters.begin(), parameters.end(),
-                        [](const auto& p) { return p.role == EffectRole::kShape; });
+    return sensor || (std::string_view(info.kind) == "load" &&
+                      std::none_of(parameters.begin(), parameters.end(),
+                                   [](const auto& p) { return p.role == EffectRole::kShape; }));
 }
 
 const double* value_of(const EffectEntry& entry, const ActiveEffect& effect, std::string_view name) {

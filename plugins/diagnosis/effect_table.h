@@ -28,8 +28,8 @@ struct EffectEntry {
     bool local_support() const;
     /// Holds, lets go or is parted at a place of its own: what really does differs from the catalogue's smooth form.
     bool rough_form() const;
-    /// A load that has neither place nor course of its own (weight, a gain of known forces): where and when it acts is
-    /// known, so that there is nothing of its form that the catalogue could get wrong.
+    /// Nothing of its form could differ from the catalogue's: a load that has neither place nor course of its own
+    /// (weight, a gain of known forces), whose where and when are known, or a sensor's few and global numbers.
     bool exact_form() const;
 };
 

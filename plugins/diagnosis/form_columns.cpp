@@ -33,8 +33,7 @@ Eigen::MatrixXd form_columns(Simulator& simulator, const Assumption& at, const E
     const auto frames = static_cast<Eigen::Index>(simulator.num_frames());
     Eigen::MatrixXd columns(with.size(), 0);
     for (std::size_t e = 0; e < at.effects.size(); ++e) {
-        const EffectEntry& entry = simulator.effects()[at.effects[e].entry];
-        if (entry.sensor || entry.exact_form()) continue;
+        if (simulator.effects()[at.effects[e].entry].exact_form()) continue;
         Assumption without = at;
         without.effects.erase(without.effects.begin() + static_cast<std::ptrdiff_t>(e));
         Eigen::VectorXd trajectory;

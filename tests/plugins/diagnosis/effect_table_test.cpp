@@ -43,6 +43,9 @@ TEST(EffectTable, ALoadWithNeitherPlaceNorCourseHasAnExactForm) {
     EXPECT_FALSE(entry("load", true, true).exact_form()) << "another tool";
     EXPECT_FALSE(entry("mechanics", false, false).exact_form()) << "a modulus: of a law that may be another";
     EXPECT_FALSE(entry("boundary", false, false).exact_form()) << "breathing: of a course that may be another";
+    EffectEntry camera = entry("sensor", true, false);
+    camera.sensor = true;
+    EXPECT_TRUE(camera.exact_form());
 }
 
 }  // namespace
