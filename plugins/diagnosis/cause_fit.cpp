@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "plugins/diagnosis/shape_search.h"
 #include "plugins/diagnosis/strong_start.h"
@@ -15,15 +16,21 @@ constexpr int kShapeRounds = 3;    // of moved onsets and windows, and everythin
 constexpr double kImproved = 0.8;  // of the cost: worth another round
 constexpr int kInstantRounds = 3;
 constexpr double kMoved = 0.95;  // of the misfit: a better instant
-constexpr int kSettleRounds = 3;
+constexpr int kSettleRounds = 8;
 constexpr double kSettled = 0.95;  // of what was left: no further round
 constexpr double kFarOff = 2.0;    // times the misfit without the effect: no start
 constexpr double kFarTheta = 1.5;  // prior standard deviations from the prior at which a refit starts at most
+constexpr double kTrace = 0.1;     // of what first order asks for: hardly more than without the effect
 
 // Whether one of its effects may differ from the catalogue's in its form.
 bool has_form(const Problem& problem, const Cause& cause) {
     return std::any_of(cause.entries.begin(), cause.entries.end(),
                        [&](std::size_t e) { return !problem.simulator.effects()[e].exact_form(); });
+}
+
+// The effect `noise`: markers scatter more, and are where they were.
+bool only_scatters(const Problem& problem, std::size_t entry) {
+    return problem.simulator.noise_factor({{}, {problem.simulator.effects().candidate(entry, 0)}}) != 1.0;
 }
 
 }  // namespace
@@ -37,9 +44,8 @@ Left left_under(const Problem& problem, const Whitener& whitener, const Fit& fit
 
 void take_noise(Problem& problem, Fit& fit) {
     for (ActiveEffect& effect : fit.at.effects) {
+        if (!only_scatters(problem, effect.entry)) continue;
         const EffectEntry& entry = problem.simulator.effects()[effect.entry];
-        Assumption alone{fit.at.theta, {problem.simulator.effects().candidate(effect.entry, 0)}};
-        if (!entry.sensor || problem.simulator.noise_factor(alone) == 1.0) continue;
         const double factor =
             stated_noise_factor(fit.residual, problem.whitener, problem.floor.noise, problem.recording.num_markers);
         for (std::size_t p = 0; p < effect.values.size(); ++p)
@@ -68,46 +74,85 @@ void settle_instant(Problem& problem, Fit& fit, int iterations) {
     }
 }
 
-Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const EffectScreening& added, int iterations) {
-    Cause cause;
-    Assumption start = known != nullptr ? known->fit.at : nominal.at;
-    // A wrong model drives the ligaments to values from which no derivative leads back.
-    for (std::size_t i = 0; i < start.theta.size(); ++i) {
-        const NominalParameter p = problem.simulator.mechanics().parameter(i);
-        start.theta[i] = std::clamp(start.theta[i], std::exp(p.prior_log_mean - kFarTheta * p.prior_log_stdev),
-                                    std::exp(p.prior_log_mean + kFarTheta * p.prior_log_stdev));
+namespace {
+
+// A wrong model drives the ligaments to values from which no derivative leads back.
+Assumption near_prior(const TrajectoryModel& mechanics, Assumption at) {
+    for (std::size_t i = 0; i < at.theta.size(); ++i) {
+        const NominalParameter p = mechanics.parameter(i);
+        at.theta[i] = std::clamp(at.theta[i], std::exp(p.prior_log_mean - kFarTheta * p.prior_log_stdev),
+                                 std::exp(p.prior_log_mean + kFarTheta * p.prior_log_stdev));
     }
+    return at;
+}
+
+Assumption plus(Assumption at, const ActiveEffect& added) {
+    at.effects.push_back(added);
+    return at;
+}
+
+// A whole trajectory with the effect on. Where the body does not hold under what first order asks for, or is far
+// further off than without the effect, it is met half way: no descent leads back from another equilibrium. Nothing if
+// it does not hold, or is hopelessly far off.
+std::optional<Assumption> whole_start(Problem& problem, const Fit& without, const ActiveEffect& added) {
+    Assumption start = plus(near_prior(problem.simulator.mechanics(), without.at), added);
+    const EffectEntry& entry = problem.simulator.effects()[added.entry];
+    const bool line_search = !std::isfinite(problem.worst_start);
+    for (int attempt = 0; !entry.sensor; ++attempt) {
+        Eigen::VectorXd trajectory;
+        const bool holds = problem.simulator.simulate(start, trajectory);
+        const double left = holds ? problem.whitener(problem.residual_of(trajectory)).squaredNorm() : 0.0;
+        if (left > problem.worst_start || (!holds && attempt == kAttempts)) return {};
+        if (holds && (left <= kFarOff * without.misfit || attempt == kAttempts || !line_search)) break;
+        halve(entry, start.effects.back());
+    }
+    return start;
+}
+
+// A trace of the added effect is nearly what is known without it.
+Fit fit_from_trace(Problem& problem, const Fit& without, ActiveEffect added, int iterations) {
+    const EffectEntry& entry = problem.simulator.effects()[added.entry];
+    for (std::size_t p = 0; p < entry.parameters.size(); ++p)
+        if (entry.parameters[p].role == EffectRole::kAmplitude)
+            added.values[p] = at_share(entry.parameters[p], added.values[p], kTrace);
+    return fit_from_whole(problem, plus(without.at, added), iterations);
+}
+
+Fit fit_with(Problem& problem, const Fit& without, bool further, const ActiveEffect& added, int iterations) {
+    const auto start = whole_start(problem, without, added);
+    if (!start) return {};
+    Fit fit = problem.fit(*start, iterations);
+    // With one effect more it cannot leave more: it went astray.
+    if (further && (!fit.usable || fit.misfit > without.residual.squaredNorm()) && !problem.out_of_time()) {
+        Fit again = fit_from_trace(problem, without, added, iterations);
+        if (again.usable && (!fit.usable || again.cost < fit.cost)) fit = std::move(again);
+    }
+    settle_instant(problem, fit, iterations);
+    for (int round = 0; fit.usable && round < kShapeRounds && fit.misfit < problem.out_of_reach; ++round) {
+        const double before = fit.cost;
+        improve_shapes(problem.simulator, problem.whitener, problem.recording.observed, fit);
+        if (fit.cost > kImproved * before || fit.cost < problem.floor.total() || problem.out_of_time()) break;
+        Fit again = problem.fit(fit.at, iterations);
+        if (again.usable && again.cost < fit.cost) fit = std::move(again);
+    }
+    return fit;
+}
+
+}  // namespace
+
+Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const EffectScreening& added, int iterations) {
+    const Fit& without = known != nullptr ? known->fit : nominal;
+    Cause cause;
     if (known != nullptr) {
         cause.entries = known->entries;
         cause.search_cost = known->search_cost;
     }
     cause.entries.push_back(added.entry);
     cause.search_cost += added.search_cost;
-    start.effects.push_back(added.start);
-    // A whole trajectory with the effect on. Where the body does not hold under what first order asks for, or is far
-    // further off than without the effect, it is met half way: no descent leads back from another equilibrium.
-    const EffectEntry& entry = problem.simulator.effects()[added.entry];
-    const double nothing = known != nullptr ? known->fit.misfit : nominal.misfit;
-    const bool line_search = !std::isfinite(problem.worst_start);
-    for (int attempt = 0; !entry.sensor; ++attempt) {
-        Eigen::VectorXd trajectory;
-        const bool holds = problem.simulator.simulate(start, trajectory);
-        const double left = holds ? problem.whitener(problem.residual_of(trajectory)).squaredNorm() : 0.0;
-        if (left > problem.worst_start || (!holds && attempt == kAttempts)) return cause;
-        if (holds && (left <= kFarOff * nothing || attempt == kAttempts || !line_search)) break;
-        halve(entry, start.effects.back());
-    }
-    cause.fit = problem.fit(start, iterations);
-    settle_instant(problem, cause.fit, iterations);
+    cause.fit = only_scatters(problem, added.entry)
+                    ? fit_from_whole(problem, plus(without.at, added.start), 0)
+                    : fit_with(problem, without, known != nullptr, added.start, iterations);
     if (!cause.fit.usable) return cause;
-    for (int round = 0; round < kShapeRounds && cause.fit.misfit < problem.out_of_reach; ++round) {
-        const double before = cause.fit.cost;
-        improve_shapes(problem.simulator, problem.whitener, problem.recording.observed, cause.fit);
-        if (cause.fit.cost > kImproved * before || cause.fit.cost < problem.floor.total() || problem.out_of_time())
-            break;
-        Fit again = problem.fit(cause.fit.at, iterations);
-        if (again.usable && again.cost < cause.fit.cost) cause.fit = std::move(again);
-    }
     problem.look_ahead(cause.fit);
     take_noise(problem, cause.fit);
     return cause;
@@ -191,6 +236,7 @@ Cause fitted_from(Problem& problem, const Fit& nominal, Cause cause, const Assum
 }
 
 void settle(Problem& problem, Cause& cause, int iterations) {
+    if (only_scatters(problem, cause.entries.back())) return;  // what it was added to is settled
     for (int round = 0; round < (problem.simulator.mechanics().dynamic() ? 1 : kSettleRounds); ++round) {
         const double before = cause.fit.residual.squaredNorm();
         Fit better = fit_from_whole(problem, cause.fit.at, iterations);
