@@ -15,6 +15,7 @@ struct Base {
     Fit fit;                    ///< theirs, completed under `looser`
     Left left;                  ///< of `fit`
     bool sensors_only = false;  ///< what is left is so little that mechanics could be the known effects' error of form
+    double far_nats = 0.0;      ///< what the known effects pay for being far from their prior, if that is the reason
 };
 
 /// One more effect on top of what is known (null: of the nominal fit), refitted with everything free.

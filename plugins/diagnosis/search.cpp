@@ -117,7 +117,8 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base
             screening.of_beginning = early.effects.front();
     }
     if (base != nullptr && base->sensors_only)  // first order is nearly exact there
-        std::erase_if(screening.effects, [](const EffectScreening& effect) { return effect.score <= 0.0; });
+        std::erase_if(screening.effects,
+                      [&](const EffectScreening& effect) { return effect.score <= -base->far_nats; });
     std::vector<EffectScreening> chosen;
     if (problem.simulator.mechanics().dynamic()) {
         const auto begun =

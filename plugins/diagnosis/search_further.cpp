@@ -10,12 +10,13 @@ namespace teres {
 namespace {
 
 constexpr int kIterations = 6;
-constexpr double kFarBehind = 15.0;  // nats: no rival any more
-constexpr std::size_t kRivals = 4;   // of a set, that get what it gained
-constexpr double kMostAlone = 0.5;   // explained by a sensor effect that may be half of a pair
-constexpr double kHardlyLess = 0.9;  // of what is left without the second effect
-constexpr double kVeryMuch = 5.0;    // times what noise and model error explain
-constexpr double kFormShare = 0.2;   // standard deviation of a form, share of the effect's motion
+constexpr double kFarBehind = 15.0;    // nats: no rival any more
+constexpr std::size_t kRivals = 4;     // of a set, that get what it gained
+constexpr double kMostAlone = 0.5;     // explained by a sensor effect that may be half of a pair
+constexpr double kHardlyLess = 0.9;    // of what is left without the second effect
+constexpr double kVeryMuch = 5.0;      // times what noise and model error explain
+constexpr double kFarFromPrior = 6.0;  // nats of every effect: a sensor beside one of usual size may cost less
+constexpr double kFormShare = 0.2;     // standard deviation of a form, share of the effect's motion
 
 // The whitener in use, with columns for what the known effects may get wrong of their form.
 Whitener looser_whitener(Problem& problem, const Fit& known) {
@@ -28,8 +29,8 @@ Whitener looser_whitener(Problem& problem, const Fit& known) {
                              problem.options.calibration);
 }
 
-// One effect more than `known`. Nothing if looser forms of that explain what is left; only a sensor if they might.
-// Fills its misfit beside forms.
+// One effect more than `known`. Nothing if looser forms of that explain what is left, unless it takes effects that are
+// hardly ever so large; only a sensor if they might. Fills its misfit beside forms.
 std::vector<Cause> search_on_top(Problem& problem, const Fit& nominal, Cause& known) {
     Base base{known, looser_whitener(problem, known.fit), known.fit, {0.0}};
     complete(problem.simulator, base.looser, problem.recording.observed, base.fit);
@@ -38,7 +39,10 @@ std::vector<Cause> search_on_top(Problem& problem, const Fit& nominal, Cause& kn
     known.misfit_beside_forms = base.left.cost;
     const Left raw{base.fit.cost + base.fit.later, problem.beside_span(base.fit.residual)},
         left = problem.floor.beside_noise(raw, problem.simulator.noise_factor(known.fit.at));
-    if (problem.floor.explains(left)) return {};
+    if (problem.floor.explains(left)) {
+        base.far_nats = known.price.tail + known.price.scales;
+        if (base.far_nats < kFarFromPrior * static_cast<double>(known.entries.size())) return {};
+    }
     const Left beyond = problem.floor.beyond(left), form = form_error(problem, nominal, known);
     base.sensors_only = beyond.inside() <= form.inside() && beyond.beside <= form.beside;
     Screening screening;

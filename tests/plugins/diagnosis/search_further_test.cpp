@@ -93,52 +93,89 @@ TEST_F(SearchFurtherWithInertia, RivalsOfASingleEffectGetWhatItGained) {
               (std::vector<std::size_t>{modulus_, gravity_}));
 }
 
-// What a tilt leaves is less than the model's error, so that nothing is searched on top of it: a shifted camera and a
-// marker that slipped are tried together all the same.
-TEST(SearchFurther, TwoSensorEffectsAreTriedTogether) {
-    test::ToyBody body;
-    test::ToyCamera camera;
-    body.known_supports = true;
-    const EffectTable effects(body, &camera, {});
-    const std::vector<double> shift{0.004, -0.003, 0.005}, slip{0.03, -0.02, 0.02, 5.0, 3.0};
-    const std::vector<double> truth = body.motion({{}, {}});
-    std::vector<double> times, observed(truth.size());
-    for (std::size_t f = 0; f < body.num_frames(); ++f) times.push_back(body.time_s(f));
-    camera.observe(
-        std::vector<EffectInstance>{{test::ToyCamera::kRegistration, shift}, {test::ToyCamera::kMarkerSlip, slip}},
-        times, truth, observed);
-    Recording recording = *make_recording({"toy", &body, &camera, observed, kNoise, 1});
-    Simulator simulator(body, &camera, effects);
-    const DiagnosisOptions options;
-    const auto count = static_cast<Eigen::Index>(recording.fit_rows.size());
-    Problem problem{simulator,
-                    recording,
-                    options,
-                    {},
-                    Whitener(recording.fit_rows, Eigen::VectorXd::Constant(count, kNoise),
-                             Eigen::MatrixXd(recording.observed.size(), 0))};
-    problem.discrepancy.columns.resize(recording.observed.size(), 0);
-    const Fit nominal = problem.fit({}, 0);
-    problem.floor = {static_cast<double>(count), nominal.cost};
-    const std::size_t tilt = effects.find("gravity"), registration = effects.find("registration"),
-                      marker_slip = effects.find("marker_slip");
-    const auto fitted = [&](std::size_t entry, const ActiveEffect& start, double explained) {
+// A plate in front of a shifted camera, and markers that slip; what a tilt leaves is less than the model's error.
+class SearchFurtherWithinFloor : public ::testing::Test {
+  protected:
+    void observe(const std::vector<EffectInstance>& mechanics, const std::vector<EffectInstance>& sensors) {
+        body_.known_supports = true;
+        const std::vector<double> truth = body_.motion({{}, mechanics});
+        std::vector<double> times, observed(truth.size());
+        for (std::size_t f = 0; f < body_.num_frames(); ++f) times.push_back(body_.time_s(f));
+        camera_.observe(sensors, times, truth, observed);
+        recording_.emplace(*make_recording({"toy", &body_, &camera_, observed, kNoise, 1}));
+        simulator_.emplace(body_, &camera_, effects_);
+        const auto count = static_cast<Eigen::Index>(recording_->fit_rows.size());
+        problem_.emplace(Problem{*simulator_,
+                                 *recording_,
+                                 options_,
+                                 {},
+                                 Whitener(recording_->fit_rows, Eigen::VectorXd::Constant(count, kNoise),
+                                          Eigen::MatrixXd(recording_->observed.size(), 0))});
+        problem_->discrepancy.columns.resize(recording_->observed.size(), 0);
+        nominal_ = problem_->fit({}, 0);
+    }
+    Cause fitted(std::size_t entry, const ActiveEffect& start, double explained) {
         Cause cause;
         cause.entries = {entry};
-        cause = fitted_from(problem, nominal, std::move(cause), {{}, {start}}, 8);
+        cause = fitted_from(*problem_, nominal_, std::move(cause), {{}, {start}}, 8);
         cause.explained = explained;
         return cause;
-    };
-    std::vector<Cause> causes{fitted(tilt, effects.candidate(tilt, 0), 0.9),
-                              fitted(registration, effects.candidate(registration, 0), 0.6),
-                              fitted(marker_slip, {marker_slip, slip}, 0.6)};
+    }
+    /// The first set of two.
+    const Cause* pair(std::vector<Cause>& causes) {
+        Screening screening;
+        search_further(*problem_, nominal_, screening, causes);
+        const auto found =
+            std::find_if(causes.begin(), causes.end(), [](const Cause& c) { return c.entries.size() == 2; });
+        return found != causes.end() ? &*found : nullptr;
+    }
+
+    test::ToyBody body_;
+    test::ToyCamera camera_;
+    const EffectTable effects_{body_, &camera_, {}};
+    const std::size_t tilt_ = effects_.find("gravity"), registration_ = effects_.find("registration"),
+                      marker_slip_ = effects_.find("marker_slip");
+    const DiagnosisOptions options_;
+    std::optional<Recording> recording_;
+    std::optional<Simulator> simulator_;
+    std::optional<Problem> problem_;
+    Fit nominal_;
+};
+
+// Nothing is searched on top of the tilt: shift and slip are tried together all the same.
+TEST_F(SearchFurtherWithinFloor, TwoSensorEffectsAreTriedTogether) {
+    const std::vector<double> shift{0.004, -0.003, 0.005}, slip{0.03, -0.02, 0.02, 5.0, 3.0};
+    observe({}, {{test::ToyCamera::kRegistration, shift}, {test::ToyCamera::kMarkerSlip, slip}});
+    problem_->floor = {static_cast<double>(recording_->fit_rows.size()), nominal_.cost};
+    std::vector<Cause> causes{fitted(tilt_, effects_.candidate(tilt_, 0), 0.9),
+                              fitted(registration_, effects_.candidate(registration_, 0), 0.6),
+                              fitted(marker_slip_, {marker_slip_, slip}, 0.6)};
     causes[0].score = 50.0;
-    Screening screening;
-    search_further(problem, nominal, screening, causes);
-    const auto pair = std::find_if(causes.begin(), causes.end(), [](const Cause& c) { return c.entries.size() == 2; });
-    ASSERT_NE(pair, causes.end());
-    EXPECT_EQ(pair->entries[0] + pair->entries[1], registration + marker_slip);
-    EXPECT_LT(pair->misfit, 1e-3 * nominal.misfit);
+    const Cause* found = pair(causes);
+    ASSERT_NE(found, nullptr);
+    EXPECT_EQ(found->entries[0] + found->entries[1], registration_ + marker_slip_);
+    EXPECT_LT(found->misfit, 1e-3 * nominal_.misfit);
+}
+
+// A tilt of 13 prior deviations stands for a smaller one and a shift: the camera is tried beside it. Beside one of a
+// usual size it is not.
+TEST_F(SearchFurtherWithinFloor, ASensorIsTriedBesideWhatIsHardlyEverSoLarge) {
+    for (const double newton : {5.0, 0.6}) {
+        const std::vector<double> tilt{newton, -0.5 * newton, 0.6 * newton}, shift{0.001, 0.001, -0.001};
+        observe({{test::ToyBody::kGravity, tilt}}, {{test::ToyCamera::kRegistration, shift}});
+        const double count = static_cast<double>(recording_->fit_rows.size());
+        problem_->floor = {count, 1.0};
+        Cause alone = fitted(tilt_, {tilt_, tilt}, 0.9);
+        problem_->floor.model = 1.1 * alone.fit.cost;
+        ASSERT_TRUE(problem_->floor.explains(left_of(alone.fit)));
+        score(*problem_, nominal_, nullptr, alone);
+        std::vector<Cause> causes{alone};
+        const Cause* found = pair(causes);
+        ASSERT_EQ(found != nullptr, newton > 1.0) << newton;
+        if (found != nullptr) {
+            EXPECT_EQ(found->entries, (std::vector<std::size_t>{tilt_, registration_}));
+        }
+    }
 }
 
 }  // namespace
