@@ -13,6 +13,9 @@ struct Calibration {
     double within_floor = 3.0;
     /// Probabilities are p^(1/temperature): sealed cases were right less often than untempered ones said.
     double temperature = 1.5;
+    /// ... and where the evidence leaves no doubt still so many are wrong (a search that missed, a cause of another
+    /// form): what `unknown` and all that was fitted share evenly.
+    double lapse = 0.06;
     /// Share of what a fit narrows a place or times down beyond the search grid that an effect pays for.
     double narrowing = 0.5;
     /// Prior cost of every effect beyond the first [nats].

@@ -180,6 +180,13 @@ Verdict judge(std::vector<Cause> causes, const Left& nominal, const ErrorFloor& 
     };
     all(temper);
     all(normalise);
+    // Sure answers are wrong as well: every fitted cause gets the same share of that.
+    const auto is_fitted = [](const Cause& cause) { return cause.fit.usable; };
+    const auto fitted = std::count_if(causes.begin(), causes.end(), is_fitted);
+    const double even = calibration.lapse * (1.0 - verdict.none_probability) / static_cast<double>(fitted + 1);
+    const auto doubt = [&](double& p, bool shares) { p = (1.0 - calibration.lapse) * p + (shares ? even : 0.0); };
+    doubt(verdict.unknown_probability, true);
+    for (Cause& cause : causes) doubt(cause.probability, is_fitted(cause));
     std::sort(causes.begin(), causes.end(),
               [](const Cause& a, const Cause& b) { return a.probability > b.probability; });
     verdict.causes = std::move(causes);

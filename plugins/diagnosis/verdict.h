@@ -13,7 +13,8 @@
 //     none:      bonus against the larger of ln sum exp(scores) and g - least price: that something is amiss may be
 //                certain before anything is named
 //
-// A softmax over causes and unknown, times the probability that it is not none; tempered (calibration.h).
+// A softmax over causes and unknown, times the probability that it is not none; tempered, and never quite sure
+// (calibration.h).
 //
 // above: cost beyond the stated noise (error_floor.h).
 #pragma once

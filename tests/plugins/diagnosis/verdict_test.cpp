@@ -13,6 +13,7 @@ namespace {
 
 constexpr ErrorFloor kFloor{0.0, 1.0};
 constexpr double kNominal = 10.0;
+const Calibration kEvidence{.lapse = 0.0};  // what the costs say, without the doubt that stays whatever they say
 
 Cause fitted(std::vector<std::size_t> entries, double misfit, double price, double nominal = kNominal) {
     Cause cause;
@@ -44,7 +45,7 @@ TEST(Verdict, ASingleCauseThatLeavesMuchIsUnknown) {
 // something else.
 TEST(Verdict, UnknownIsWorthWhatItGainsBesideFormsOfTheBest) {
     const auto lead_of_unknown = [](const Cause& cause) {
-        const Verdict verdict = judge({cause, fitted({1}, 8.0, 5.0)}, kNominal, kFloor, {});
+        const Verdict verdict = judge({cause, fitted({1}, 8.0, 5.0)}, kNominal, kFloor, kEvidence);
         return Calibration{}.temperature * std::log(verdict.unknown_probability / probability_of(verdict, {0}));
     };
     Cause cause = fitted({0}, 3.0, 5.0);
@@ -66,7 +67,7 @@ TEST(Verdict, UnknownReachesTheModelErrorOfTheStateUnderTheBest) {
     const auto lead_of_unknown = [](double model_error) {
         Cause cause = fitted({0}, 3.0, 5.0);
         cause.model_error = model_error;
-        const Verdict verdict = judge({cause, fitted({1}, 8.0, 5.0)}, kNominal, kFloor, {});
+        const Verdict verdict = judge({cause, fitted({1}, 8.0, 5.0)}, kNominal, kFloor, kEvidence);
         return Calibration{}.temperature * std::log(verdict.unknown_probability / probability_of(verdict, {0}));
     };
     EXPECT_NEAR(lead_of_unknown(2.0), 22.5 * std::log(4.0 / 2.658) - 7.0 + 5.0, 1e-6);
@@ -94,7 +95,7 @@ TEST(Verdict, UnknownDoesNotPayForScalesBentIntoPlace) {
         Cause cause = fitted({0}, 0.979, 12.0);
         cause.price.occam -= scales;
         cause.price.scales = scales;
-        const Verdict verdict = judge({cause}, kNominal, kFloor, {});
+        const Verdict verdict = judge({cause}, kNominal, kFloor, kEvidence);
         return Calibration{}.temperature * std::log(verdict.unknown_probability / probability_of(verdict, {0}));
     };
     EXPECT_NEAR(lead_of_unknown(0.0), -1.0, 1e-6);
@@ -206,10 +207,10 @@ TEST(Verdict, ACauseIsNamedIfItBeatsTheBonusOfNone) {
 TEST(Verdict, WhatTheModelsErrorMayBeIsLittleEvidence) {
     const Cause all = fitted({0}, 0.0, 2.0, 1.0);
     ASSERT_NEAR(all.score, 22.5 * std::log(2.0 / 1.0) - 2.0, 1e-9);
-    const Verdict within = judge({all}, 1.0, kFloor, {});
+    const Verdict within = judge({all}, 1.0, kFloor, kEvidence);
     // exp(3 - 3.5) to one, tempered
     EXPECT_NEAR(probability_of(within, {0}) / within.none_probability, std::exp(-0.5 / 1.5), 0.02);
-    const Verdict beyond = judge({fitted({0}, 0.0, 2.0, 1.6)}, 1.6, kFloor, {});
+    const Verdict beyond = judge({fitted({0}, 0.0, 2.0, 1.6)}, 1.6, kFloor, kEvidence);
     EXPECT_GT(probability_of(beyond, {0}), 0.95);
 }
 
@@ -222,6 +223,23 @@ TEST(Verdict, ACauseThatCostsMoreThanItExplainsLeavesUnknown) {
     screened.score = -0.1;
     const Verdict verdict = judge({dear, screened}, kNominal, kFloor, {});
     EXPECT_GT(verdict.unknown_probability, 0.9);
+}
+
+// A cause that explains all of a large gap, beside one that is 20 nats behind and one that was only screened: 6 % stay,
+// two thirds of them with what else was fitted and with what nobody thought of. That something is there is as sure as
+// before, and so is the order.
+TEST(Verdict, WhatIsCertainByItsEvidenceKeepsADoubt) {
+    Cause screened;
+    screened.entries = {2};
+    screened.score = -5.0;
+    const std::vector<Cause> causes{fitted({0}, 0.0, 2.0), fitted({1}, 0.0, 22.0), screened};
+    const Verdict sure = judge(causes, kNominal, kFloor, kEvidence), doubtful = judge(causes, kNominal, kFloor, {});
+    ASSERT_GT(probability_of(sure, {0}), 0.999);
+    EXPECT_NEAR(probability_of(doubtful, {0}), 0.94 + 0.02, 1e-3);
+    EXPECT_NEAR(probability_of(doubtful, {1}), 0.02, 1e-3);
+    EXPECT_NEAR(doubtful.unknown_probability, 0.02, 1e-3);
+    EXPECT_LT(probability_of(doubtful, {2}), 1e-6);
+    EXPECT_EQ(doubtful.none_probability, sure.none_probability);
 }
 
 TEST(Verdict, ProbabilitiesSumToOne) {
