@@ -24,11 +24,14 @@ struct Calibration {
     /// what is there from the beginning beside what happens later: neither has the other's course in time.
     double further_mechanical = 5.0;
     /// `unknown` is a cause that would leave what right causes leave: this share of the model error ...
-    double unknown_left = 0.7;
+    double unknown_left = 0.5;
     /// ... and this share of what is above it, ...
     double unknown_share = 0.03;
     /// ... at the price of the best cause that does as well, and at least this [nats] ...
-    double unknown_price = 6.0;
+    double unknown_price = 8.0;
+    /// ... but for what that pays for its scales, and for amplitudes beyond this of each effect: about three prior
+    /// standard deviations [nats] ...
+    double unknown_tail = 3.0;
     /// ... and, where that consists of several effects, at most about what the dearest single ones cost [nats];
     double unknown_price_most = 25.0;
     /// and besides, because the catalogue holds what is likely [nats].

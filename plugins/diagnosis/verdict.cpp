@@ -37,14 +37,16 @@ const Cause* best_fitted(const std::vector<Cause>& causes) {
 }
 
 // Price of the best cause that leaves no more than `rest`; if there is none, of the best one at all. Without what it
-// pays for scales that are not its own: that speaks for something else.
+// pays for scales that are not its own, or for being larger than such an effect ever is: that speaks for something
+// else.
 double price_of_rival(const std::vector<Cause>& causes, const Left& rest, const ErrorFloor& floor,
                       const Calibration& calibration) {
     const double most = floor.log_above(rest);
     const Cause* rival = best_fitted(causes, [&](const Cause& c) { return floor.log_above(c.left()) <= most; });
     if (rival == nullptr) rival = best_fitted(causes);
     if (rival == nullptr) return 0.0;
-    const double price = rival->price.total() - rival->price.scales;
+    const double usual = calibration.unknown_tail * static_cast<double>(rival->entries.size());
+    const double price = rival->price.total() - rival->price.scales - std::max(0.0, rival->price.tail - usual);
     return rival->entries.size() > 1 ? std::min(price, calibration.unknown_price_most) : price;
 }
 

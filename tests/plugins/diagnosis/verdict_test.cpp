@@ -1,5 +1,5 @@
 // From costs to probabilities, by hand: floor 1 (all model error), nominal cost 10, nu 45, so that `unknown` leaves
-// 0.7 + 0.03 (10 - 0.7) = 0.979 and gains 22.5 ln((1 + 10) / (1 + 0.979)) = 38.6 nats; it pays 7 at least.
+// 0.5 + 0.03 (10 - 0.5) = 0.785 and gains 22.5 ln((1 + 10) / (1 + 0.785)) = 40.9 nats; it pays 9 at least.
 #include "plugins/diagnosis/verdict.h"
 
 #include <gtest/gtest.h>
@@ -32,7 +32,7 @@ double probability_of(const Verdict& verdict, const std::vector<std::size_t>& en
 }
 
 TEST(Verdict, UnknownGainsWhatWouldReachTheFloorButForAShare) {
-    EXPECT_NEAR(unknown_gain(kNominal, kFloor, {}), 22.5 * std::log(11.0 / 1.979), 1e-9);
+    EXPECT_NEAR(unknown_gain(kNominal, kFloor, {}), 22.5 * std::log(11.0 / 1.785), 1e-9);
     EXPECT_EQ(unknown_gain(0.5, kFloor, {}), 0.0) << "nothing above the floor";
 }
 
@@ -49,7 +49,7 @@ TEST(Verdict, UnknownIsWorthWhatItGainsBesideFormsOfTheBest) {
         return Calibration{}.temperature * std::log(verdict.unknown_probability / probability_of(verdict, {0}));
     };
     Cause cause = fitted({0}, 3.0, 5.0);
-    const double alone = 22.5 * std::log(4.0 / 1.979) - 7.0 + 5.0;
+    const double alone = 22.5 * std::log(4.0 / 1.785) - 9.0 + 5.0;
     EXPECT_NEAR(lead_of_unknown(cause), alone, 1e-6);
     cause.misfit_beside_forms = 2.5;
     EXPECT_NEAR(lead_of_unknown(cause), alone - 22.5 * std::log(4.0 / 3.5), 1e-6);
@@ -62,7 +62,7 @@ TEST(Verdict, UnknownIsWorthWhatItGainsBesideFormsOfTheBest) {
     EXPECT_NEAR(lead_of_unknown(cause), alone - 22.5 * std::log(4.0 / 2.5), 1e-6);
 }
 
-// Where the model may be off by 2 under the best cause, `unknown` leaves 1.4 + 0.03 (10 - 1.4) = 1.658.
+// Where the model may be off by 2 under the best cause, `unknown` leaves 1.0 + 0.03 (10 - 1.0) = 1.27.
 TEST(Verdict, UnknownReachesTheModelErrorOfTheStateUnderTheBest) {
     const auto lead_of_unknown = [](double model_error) {
         Cause cause = fitted({0}, 3.0, 5.0);
@@ -70,8 +70,8 @@ TEST(Verdict, UnknownReachesTheModelErrorOfTheStateUnderTheBest) {
         const Verdict verdict = judge({cause, fitted({1}, 8.0, 5.0)}, kNominal, kFloor, kEvidence);
         return Calibration{}.temperature * std::log(verdict.unknown_probability / probability_of(verdict, {0}));
     };
-    EXPECT_NEAR(lead_of_unknown(2.0), 22.5 * std::log(4.0 / 2.658) - 7.0 + 5.0, 1e-6);
-    EXPECT_NEAR(lead_of_unknown(0.5), 22.5 * std::log(4.0 / 1.979) - 7.0 + 5.0, 1e-6) << "never less than at rest";
+    EXPECT_NEAR(lead_of_unknown(2.0), 22.5 * std::log(4.0 / 2.27) - 9.0 + 5.0, 1e-6);
+    EXPECT_NEAR(lead_of_unknown(0.5), 22.5 * std::log(4.0 / 1.785) - 9.0 + 5.0, 1e-6) << "never less than at rest";
 }
 
 // The pair leaves half the floor at 20 nats; the single cause leaves 6 at 5 nats. An unknown effect would pay at least
@@ -92,7 +92,7 @@ TEST(Verdict, APairDearerThanAnySingleEffectIsUnknown) {
 // that are not its own, something else needs none of them.
 TEST(Verdict, UnknownDoesNotPayForScalesBentIntoPlace) {
     const auto lead_of_unknown = [](double scales) {
-        Cause cause = fitted({0}, 0.979, 12.0);
+        Cause cause = fitted({0}, 0.785, 12.0);
         cause.price.occam -= scales;
         cause.price.scales = scales;
         const Verdict verdict = judge({cause}, kNominal, kFloor, kEvidence);
@@ -100,7 +100,22 @@ TEST(Verdict, UnknownDoesNotPayForScalesBentIntoPlace) {
     };
     EXPECT_NEAR(lead_of_unknown(0.0), -1.0, 1e-6);
     EXPECT_NEAR(lead_of_unknown(4.0), 4.0 - 1.0, 1e-6);
-    EXPECT_NEAR(lead_of_unknown(8.0), 12.0 - 7.0, 1e-6) << "never for less than the least";
+    EXPECT_NEAR(lead_of_unknown(8.0), 12.0 - 9.0, 1e-6) << "never for less than the least";
+}
+
+// A cause that leaves what `unknown` would at 20 nats, 9 of them for an amplitude that such an effect hardly ever has:
+// something else is of usual size, and pays 3.
+TEST(Verdict, UnknownDoesNotPayForExtremeAmplitudes) {
+    const auto lead_of_unknown = [](double tail, std::vector<std::size_t> entries) {
+        Cause cause = fitted(std::move(entries), 0.785, 20.0);
+        cause.price.occam -= tail;
+        cause.price.tail = tail;
+        const Verdict verdict = judge({cause}, kNominal, kFloor, kEvidence);
+        return kEvidence.temperature * std::log(verdict.unknown_probability / probability_of(verdict, cause.entries));
+    };
+    EXPECT_NEAR(lead_of_unknown(2.0, {0}), -1.0, 1e-6);
+    EXPECT_NEAR(lead_of_unknown(9.0, {0}), (9.0 - 3.0) - 1.0, 1e-6);
+    EXPECT_NEAR(lead_of_unknown(9.0, {0, 1}), (9.0 - 6.0) - 1.0, 1e-6) << "3 nats of each effect";
 }
 
 // The rise of a load has an expected duration; where and when it comes has not, nor has its force.
