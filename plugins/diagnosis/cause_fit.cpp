@@ -17,10 +17,11 @@ constexpr double kImproved = 0.8;  // of the cost: worth another round
 constexpr int kInstantRounds = 3;
 constexpr double kMoved = 0.95;  // of the misfit: a better instant
 constexpr int kSettleRounds = 8;
-constexpr double kSettled = 0.95;  // of what was left: no further round
-constexpr double kFarOff = 2.0;    // times the misfit without the effect: no start
-constexpr double kFarTheta = 1.5;  // prior standard deviations from the prior at which a refit starts at most
-constexpr double kTrace = 0.1;     // of what first order asks for: hardly more than without the effect
+constexpr double kSettled = 0.95;       // of what was left: no further round
+constexpr double kAnotherCourse = 1.2;  // times what was left: not by rounding
+constexpr double kFarOff = 2.0;         // times the misfit without the effect: no start
+constexpr double kFarTheta = 1.5;       // prior standard deviations from the prior at which a refit starts at most
+constexpr double kTrace = 0.1;          // of what first order asks for: hardly more than without the effect
 
 // Whether one of its effects may differ from the catalogue's in its form.
 bool has_form(const Problem& problem, const Cause& cause) {
@@ -237,11 +238,15 @@ Cause fitted_from(Problem& problem, const Fit& nominal, Cause cause, const Assum
 
 void settle(Problem& problem, Cause& cause, int iterations) {
     if (only_scatters(problem, cause.entries.back())) return;  // what it was added to is settled
-    for (int round = 0; round < (problem.simulator.mechanics().dynamic() ? 1 : kSettleRounds); ++round) {
+    const bool dynamic = problem.simulator.mechanics().dynamic();
+    for (int round = 0; round < (dynamic ? 1 : kSettleRounds); ++round) {
         const double before = cause.fit.residual.squaredNorm();
         Fit better = fit_from_whole(problem, cause.fit.at, iterations);
-        if (!better.usable || better.misfit >= before) return;
-        const bool settled = better.misfit > kSettled * before;
+        // More than it left before: its course, frame after frame, ends in another equilibrium than the steps of the
+        // fit met. What it really leaves counts.
+        const bool another = !dynamic && better.misfit > kAnotherCourse * before;
+        if (!better.usable || (better.misfit >= before && !another)) return;
+        const bool settled = !another && better.misfit > kSettled * before;
         cause.fit = std::move(better);
         problem.look_ahead(cause.fit);
         take_noise(problem, cause.fit);

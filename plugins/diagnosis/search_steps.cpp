@@ -110,10 +110,15 @@ void finish(Problem& problem, const Fit& nominal, const Base* base, const Screen
     }
     report(0.5);
     const std::vector<Cause*> best = worth_finishing(problem, fitted);
-    side_by_side(problem, best.size(), [&](Problem& p, std::size_t k) {
-        settle(p, *best[k], kFurtherIterations);
-        score(p, nominal, base, *best[k]);
-    });
+    const auto settle_one = [&](Problem& p, Cause& cause) {
+        settle(p, cause, kFurtherIterations);
+        score(p, nominal, base, cause);
+    };
+    side_by_side(problem, best.size(), [&](Problem& p, std::size_t k) { settle_one(p, *best[k]); });
+    // One that only looked good may have been among them: what is ahead now is finished as well.
+    const auto most = std::max_element(fitted.begin(), fitted.end(),
+                                       [](const Cause* a, const Cause* b) { return a->score < b->score; });
+    if (std::find(best.begin(), best.end(), *most) == best.end() && !problem.out_of_time()) settle_one(problem, **most);
     report(1.0);
     sort_by_score(causes);
 }

@@ -40,6 +40,28 @@ TEST(CauseFit, BeginsWithItsOwnCourse) {
     EXPECT_FALSE(fit_from_whole(problem, truth, 0).usable);
 }
 
+// A fit whose steps met another equilibrium than its course does claims to leave nothing: settled, it leaves what its
+// course does.
+TEST(CauseFit, IsSettledOnItsOwnCourse) {
+    test::ToyBody body;
+    const EffectTable effects(body, nullptr, {});
+    const std::vector<double> observed = body.motion({std::vector<double>{38.0, 70.0}, {}});
+    Recording recording = *make_recording({"toy", &body, nullptr, observed, kNoise, 1});
+    Simulator simulator(body, nullptr, effects);
+    const DiagnosisOptions options;
+    Problem problem{simulator, recording, options, {}, white(recording)};
+    problem.floor.noise = static_cast<double>(recording.fit_rows.size());
+    Cause cause;
+    cause.entries = {effects.find("gravity")};
+    const Assumption elsewhere{{45.0, 60.0}, {effects.candidate(cause.entries[0], 0)}};
+    const Fit real = fit_from_whole(problem, elsewhere, 0);
+    cause.fit = real;
+    cause.fit.misfit = 0.1 * real.misfit;
+    cause.fit.residual *= std::sqrt(0.1);
+    settle(problem, cause, 0);
+    EXPECT_NEAR(cause.fit.misfit, real.misfit, 1e-9 * real.misfit);
+}
+
 // First order asks for eight times the force, with which the body would be in another equilibrium; there the residual
 // asks for still more.
 TEST(CauseFit, BeginsNoFurtherOffThanWithoutTheEffect) {
