@@ -230,6 +230,7 @@ Json to_json(const Diagnosis& d, const EffectTable& effects, const TrajectoryMod
                  {"model_cost", cause.model_error ? Json(*cause.model_error / used) : Json(nullptr)},  // in its state
                  {"score", cause.score},
                  {"tail_nats", cause.price.tail},
+                 {"extreme_nats", cause.price.extreme},
                  {"scale_nats", cause.price.scales},
                  {"occam_nats", cause.price.occam},
                  {"search_nats", cause.price.search},

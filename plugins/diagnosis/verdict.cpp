@@ -45,8 +45,7 @@ double price_of_rival(const std::vector<Cause>& causes, const Left& rest, const 
     const Cause* rival = best_fitted(causes, [&](const Cause& c) { return floor.log_above(c.left()) <= most; });
     if (rival == nullptr) rival = best_fitted(causes);
     if (rival == nullptr) return 0.0;
-    const double usual = calibration.unknown_tail * static_cast<double>(rival->entries.size());
-    const double price = rival->price.total() - rival->price.scales - std::max(0.0, rival->price.tail - usual);
+    const double price = rival->price.total() - rival->price.scales - rival->price.extreme;
     return rival->entries.size() > 1 ? std::min(price, calibration.unknown_price_most) : price;
 }
 
@@ -108,7 +107,7 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
     std::vector<Eigen::Index> amplitude, shape;
     Eigen::Index column = theta, counted = 0;
     std::vector<Eigen::VectorXd> of_effect;
-    double scales = 0.0;
+    double scales = 0.0, usual = 0.0;
     for (const std::size_t e : cause.entries) {
         std::vector<Eigen::Index> own;
         for (const EffectParameter& p : effects[e].parameters) {
@@ -117,6 +116,8 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
             ++column;
         }
         of_effect.emplace_back(fit.u(own));
+        usual +=
+            tail_price(Eigen::VectorXd::Constant(static_cast<Eigen::Index>(own.size()), calibration.unknown_amplitude));
         counted += counted_amplitudes(static_cast<Eigen::Index>(own.size()));
         amplitude.insert(amplitude.end(), own.begin(), own.end());
     }
@@ -129,7 +130,7 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
                               (G.transpose() * G - G.transpose() * J * H.ldlt().solve(J.transpose() * G));
     const AmplitudePrice price = amplitude_price(of_effect, S.topLeftCorner(amplitudes, amplitudes), counted);
     cause.price = {
-        price.tail, scales, price.occam, cause.search_cost,
+        price.tail, std::max(0.0, price.tail - usual), scales, price.occam, cause.search_cost,
         // A place that the fit narrows down further than the search grid does is the more fine-tuned.
         calibration.narrowing * std::max(0.0, narrowing_price(S, amplitudes) - cause.search_cost),
         calibration.further_effect * static_cast<double>(cause.entries.size() - 1) +

@@ -33,6 +33,7 @@ namespace teres {
 /// What a fitted cause pays [nats].
 struct Price {
     double tail = 0.0;     ///< far amplitudes
+    double extreme = 0.0;  ///< of `tail`, what is more than for Calibration::unknown_amplitude
     double scales = 0.0;   ///< far scales: radii, times, frequencies (shapes whose prior is of their logarithm)
     double occam = 0.0;    ///< amplitudes that had to be fitted
     double search = 0.0;   ///< places and times that were tried

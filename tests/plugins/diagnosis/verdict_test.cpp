@@ -103,19 +103,41 @@ TEST(Verdict, UnknownDoesNotPayForScalesBentIntoPlace) {
     EXPECT_NEAR(lead_of_unknown(8.0), 12.0 - 9.0, 1e-6) << "never for less than the least";
 }
 
-// A cause that leaves what `unknown` would at 20 nats, 9 of them for an amplitude that such an effect hardly ever has:
-// something else is of usual size, and pays 3.
+// A cause that leaves what `unknown` would at 20 nats, some of them for amplitudes that such an effect hardly ever has:
+// something else is of usual size.
 TEST(Verdict, UnknownDoesNotPayForExtremeAmplitudes) {
-    const auto lead_of_unknown = [](double tail, std::vector<std::size_t> entries) {
-        Cause cause = fitted(std::move(entries), 0.785, 20.0);
-        cause.price.occam -= tail;
-        cause.price.tail = tail;
+    const auto lead_of_unknown = [](double extreme) {
+        Cause cause = fitted({0}, 0.785, 20.0);
+        cause.price.occam -= 9.0;
+        cause.price.tail = 9.0;
+        cause.price.extreme = extreme;
         const Verdict verdict = judge({cause}, kNominal, kFloor, kEvidence);
         return kEvidence.temperature * std::log(verdict.unknown_probability / probability_of(verdict, cause.entries));
     };
-    EXPECT_NEAR(lead_of_unknown(2.0, {0}), -1.0, 1e-6);
-    EXPECT_NEAR(lead_of_unknown(9.0, {0}), (9.0 - 3.0) - 1.0, 1e-6);
-    EXPECT_NEAR(lead_of_unknown(9.0, {0, 1}), (9.0 - 6.0) - 1.0, 1e-6) << "3 nats of each effect";
+    EXPECT_NEAR(lead_of_unknown(0.0), -1.0, 1e-6);
+    EXPECT_NEAR(lead_of_unknown(6.0), 6.0 - 1.0, 1e-6);
+}
+
+// A force of three components of 5 prior deviations each; twice the prior is no extreme.
+TEST(Verdict, AmplitudesBeyondTwiceTheirPriorAreExtreme) {
+    test::ToyBody body;
+    const EffectTable effects(body, nullptr, {});
+    Fit nominal;
+    nominal.u = Eigen::VectorXd::Zero(2);
+    nominal.cost = kNominal;
+    const auto priced = [&](double deviations) {
+        Cause cause;
+        cause.entries = {test::ToyBody::kGravity};
+        cause.fit.u = Eigen::VectorXd::Zero(2 + 3);
+        cause.fit.u.tail(3).setConstant(deviations);
+        cause.fit.J = Eigen::MatrixXd::Zero(4, 2 + 3);
+        cause.fit.cost = 1.0 + cause.fit.u.squaredNorm();
+        refit_score(nominal, cause, effects, kFloor, {});
+        return cause.price;
+    };
+    EXPECT_EQ(priced(2.0).extreme, 0.0);
+    EXPECT_NEAR(priced(5.0).tail, 3.5 * std::log(1.0 + 75.0 / 4.0), 1e-9);
+    EXPECT_NEAR(priced(5.0).extreme, 3.5 * std::log((1.0 + 75.0 / 4.0) / (1.0 + 12.0 / 4.0)), 1e-9);
 }
 
 // The rise of a load has an expected duration; where and when it comes has not, nor has its force.
