@@ -33,24 +33,27 @@ Status save_confusion(const Summary& s, const std::filesystem::path& file) {
     for (const std::string& name : named)
         if (name != "none" && name != "unknown") answers.push_back(name);
     answers.insert(answers.end(), {"unknown", "none"});
-    constexpr int kCell = 26, kLeft = 270, kTop = 260;
     using tools::Canvas;
-    Canvas canvas(kLeft + kCell * static_cast<int>(answers.size()) + 40,
-                  kTop + kCell * static_cast<int>(s.confusion.size()) + 30);
+    double longest = 0.0;  // of the labels [px]: pairs are long
+    for (const std::string& name : named) longest = std::max(longest, Canvas::text_width(name, 11));
+    constexpr int kCell = 26;
+    const int left = static_cast<int>(longest) + 30, top = left + 30;  // the title is above the columns' labels
+    Canvas canvas(std::max(left + kCell * static_cast<int>(answers.size()) + 40, 420),
+                  top + kCell * static_cast<int>(s.confusion.size()) + 30);
     canvas.text({20.0, 26.0}, "Truth (rows), answer (columns), cases", 14);
     for (std::size_t c = 0; c < answers.size(); ++c) {
-        const double x = kLeft + kCell * (static_cast<double>(c) + 0.5);
-        canvas.vertical_text({x, kTop - 10.0 - 0.5 * Canvas::text_width(answers[c], 11)}, answers[c], 11);
+        const double x = left + kCell * (static_cast<double>(c) + 0.5);
+        canvas.vertical_text({x, top - 10.0 - 0.5 * Canvas::text_width(answers[c], 11)}, answers[c], 11);
     }
-    double y = kTop;
+    double y = top;
     for (const auto& [truth, row] : s.confusion) {
-        canvas.text({kLeft - 10.0, y + 0.5 * kCell}, truth, 11, tools::Align::kRight);
+        canvas.text({left - 10.0, y + 0.5 * kCell}, truth, 11, tools::Align::kRight);
         int total = 0;
         for (const auto& [answer, count] : row) total += count;
         for (std::size_t c = 0; c < answers.size(); ++c) {
             const auto found = row.find(answers[c]);
             const int count = found == row.end() ? 0 : found->second;
-            const cv::Rect2d box(kLeft + kCell * static_cast<double>(c), y, kCell, kCell);
+            const cv::Rect2d box(left + kCell * static_cast<double>(c), y, kCell, kCell);
             const double part = static_cast<double>(count) / total;
             if (count > 0) canvas.rectangle(box, tools::sequential(part));
             canvas.frame(box, answers[c] == truth ? tools::kInk : tools::kGrid, answers[c] == truth ? 2.0 : 1.0);
