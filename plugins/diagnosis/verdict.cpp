@@ -85,6 +85,30 @@ double visible_evidence(double score) {
                           : std::log(std::expm1(std::max(score, 0.0)) + kUnseen * std::exp(std::min(score, 0.0)));
 }
 
+// p^(1/temperature), normalised.
+void temper(Verdict& verdict, std::vector<Cause>& causes, const Calibration& calibration) {
+    double total = 0.0;
+    const auto temper = [&](double& p) { total += p = std::pow(p, 1.0 / calibration.temperature); };
+    const auto normalise = [&](double& p) { p /= total; };
+    const auto all = [&](const auto& change) {
+        change(verdict.none_probability);
+        change(verdict.unknown_probability);
+        for (Cause& cause : causes) change(cause.probability);
+    };
+    all(temper);
+    all(normalise);
+}
+
+// Sure answers are wrong as well: `unknown` and every fitted cause get the same share of that.
+void keep_doubt(Verdict& verdict, std::vector<Cause>& causes, const Calibration& calibration) {
+    const auto is_fitted = [](const Cause& cause) { return cause.fit.usable; };
+    const auto fitted = std::count_if(causes.begin(), causes.end(), is_fitted);
+    const double even = calibration.lapse * (1.0 - verdict.none_probability) / static_cast<double>(fitted + 1);
+    const auto doubt = [&](double& p, bool shares) { p = (1.0 - calibration.lapse) * p + (shares ? even : 0.0); };
+    doubt(verdict.unknown_probability, true);
+    for (Cause& cause : causes) doubt(cause.probability, is_fitted(cause));
+}
+
 }  // namespace
 
 double told_apart(const Fit& nominal, const Cause& cause, const ErrorFloor& floor, const Calibration& calibration) {
@@ -172,24 +196,8 @@ Verdict judge(std::vector<Cause> causes, const Left& nominal, const ErrorFloor& 
     verdict.unknown_probability = (1.0 - verdict.none_probability) * std::exp(unknown - top) / sum;
     for (Cause& cause : causes)
         cause.probability = (1.0 - verdict.none_probability) * std::exp(visible_evidence(cause.score) - top) / sum;
-    // Tempered.
-    double total = 0.0;
-    const auto temper = [&](double& p) { total += p = std::pow(p, 1.0 / calibration.temperature); };
-    const auto normalise = [&](double& p) { p /= total; };
-    const auto all = [&](const auto& change) {
-        change(verdict.none_probability);
-        change(verdict.unknown_probability);
-        for (Cause& cause : causes) change(cause.probability);
-    };
-    all(temper);
-    all(normalise);
-    // Sure answers are wrong as well: every fitted cause gets the same share of that.
-    const auto is_fitted = [](const Cause& cause) { return cause.fit.usable; };
-    const auto fitted = std::count_if(causes.begin(), causes.end(), is_fitted);
-    const double even = calibration.lapse * (1.0 - verdict.none_probability) / static_cast<double>(fitted + 1);
-    const auto doubt = [&](double& p, bool shares) { p = (1.0 - calibration.lapse) * p + (shares ? even : 0.0); };
-    doubt(verdict.unknown_probability, true);
-    for (Cause& cause : causes) doubt(cause.probability, is_fitted(cause));
+    temper(verdict, causes, calibration);
+    keep_doubt(verdict, causes, calibration);
     std::sort(causes.begin(), causes.end(),
               [](const Cause& a, const Cause& b) { return a.probability > b.probability; });
     verdict.causes = std::move(causes);
