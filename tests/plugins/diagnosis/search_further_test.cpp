@@ -15,20 +15,14 @@ namespace {
 
 constexpr double kNoise = 3e-4;
 
-// A softer, tilted plate whose motion goes on by inertia, as far as the search knows.
-class SearchFurtherWithInertia : public ::testing::Test {
+// A plate, seen or not, as a problem whose noise is white.
+class SearchFurther : public ::testing::Test {
   protected:
     using Toy = test::ToyBody;
 
-    /// Modulus 0.6 and a tilt, and `more`.
-    void observe(std::vector<EffectInstance> more) {
-        const std::vector<double> factor{0.6}, tilt{0.3, -0.2, 0.4};
-        more.push_back({Toy::kStiffness, factor});
-        more.push_back({Toy::kGravity, tilt});
-        body_.known_supports = body_.inertia = true;
-        const std::vector<double> observed = body_.motion({{}, more});
-        recording_.emplace(*make_recording({"toy", &body_, nullptr, observed, kNoise, 1}));
-        simulator_.emplace(body_, nullptr, effects_);
+    void pose(const std::vector<double>& observed, const EffectTable& effects, const ObservationModel* camera) {
+        recording_.emplace(*make_recording({"toy", &body_, camera, observed, kNoise, 1}));
+        simulator_.emplace(body_, camera, effects);
         const auto count = static_cast<Eigen::Index>(recording_->fit_rows.size());
         problem_.emplace(Problem{*simulator_,
                                  *recording_,
@@ -36,8 +30,30 @@ class SearchFurtherWithInertia : public ::testing::Test {
                                  {},
                                  Whitener(recording_->fit_rows, Eigen::VectorXd::Constant(count, kNoise),
                                           Eigen::MatrixXd(recording_->observed.size(), 0))});
-        problem_->floor = {static_cast<double>(count), 0.3 * static_cast<double>(count)};
+        problem_->discrepancy.columns.resize(recording_->observed.size(), 0);
         nominal_ = problem_->fit({}, 0);
+    }
+    double count() const { return static_cast<double>(recording_->fit_rows.size()); }
+
+    Toy body_;
+    const DiagnosisOptions options_;
+    std::optional<Recording> recording_;
+    std::optional<Simulator> simulator_;
+    std::optional<Problem> problem_;
+    Fit nominal_;
+};
+
+// A softer, tilted plate whose motion goes on by inertia, as far as the search knows.
+class SearchFurtherWithInertia : public SearchFurther {
+  protected:
+    /// Modulus 0.6 and a tilt, and `more`.
+    void observe(std::vector<EffectInstance> more) {
+        const std::vector<double> factor{0.6}, tilt{0.3, -0.2, 0.4};
+        more.push_back({Toy::kStiffness, factor});
+        more.push_back({Toy::kGravity, tilt});
+        body_.known_supports = body_.inertia = true;
+        pose(body_.motion({{}, more}), effects_, nullptr);
+        problem_->floor = {count(), 0.3 * count()};
     }
 
     /// Fitted, with the score that a body which is loaded otherwise may make of it.
@@ -65,15 +81,9 @@ class SearchFurtherWithInertia : public ::testing::Test {
         return entries;
     }
 
-    Toy body_;
     const EffectTable effects_{body_, nullptr, {}};
     const std::size_t modulus_ = effects_.find("stiffness"), law_ = effects_.find("material_law"),
                       gravity_ = effects_.find("gravity"), tool_ = effects_.find("unknown_load");
-    const DiagnosisOptions options_;
-    std::optional<Recording> recording_;
-    std::optional<Simulator> simulator_;
-    std::optional<Problem> problem_;
-    Fit nominal_;
 };
 
 // Drawn by another tool as well. A stiffening law beside the tilt stands in front of the modulus beside the tilt: the
@@ -94,7 +104,7 @@ TEST_F(SearchFurtherWithInertia, RivalsOfASingleEffectGetWhatItGained) {
 }
 
 // A plate in front of a shifted camera, and markers that slip; what a tilt leaves is less than the model's error.
-class SearchFurtherWithinFloor : public ::testing::Test {
+class SearchFurtherWithinFloor : public SearchFurther {
   protected:
     void observe(const std::vector<EffectInstance>& mechanics, const std::vector<EffectInstance>& sensors) {
         body_.known_supports = true;
@@ -102,17 +112,7 @@ class SearchFurtherWithinFloor : public ::testing::Test {
         std::vector<double> times, observed(truth.size());
         for (std::size_t f = 0; f < body_.num_frames(); ++f) times.push_back(body_.time_s(f));
         camera_.observe(sensors, times, truth, observed);
-        recording_.emplace(*make_recording({"toy", &body_, &camera_, observed, kNoise, 1}));
-        simulator_.emplace(body_, &camera_, effects_);
-        const auto count = static_cast<Eigen::Index>(recording_->fit_rows.size());
-        problem_.emplace(Problem{*simulator_,
-                                 *recording_,
-                                 options_,
-                                 {},
-                                 Whitener(recording_->fit_rows, Eigen::VectorXd::Constant(count, kNoise),
-                                          Eigen::MatrixXd(recording_->observed.size(), 0))});
-        problem_->discrepancy.columns.resize(recording_->observed.size(), 0);
-        nominal_ = problem_->fit({}, 0);
+        pose(observed, effects_, &camera_);
     }
     Cause fitted(std::size_t entry, const ActiveEffect& start, double explained) {
         Cause cause;
@@ -130,23 +130,17 @@ class SearchFurtherWithinFloor : public ::testing::Test {
         return found != causes.end() ? &*found : nullptr;
     }
 
-    test::ToyBody body_;
     test::ToyCamera camera_;
     const EffectTable effects_{body_, &camera_, {}};
     const std::size_t tilt_ = effects_.find("gravity"), registration_ = effects_.find("registration"),
                       marker_slip_ = effects_.find("marker_slip");
-    const DiagnosisOptions options_;
-    std::optional<Recording> recording_;
-    std::optional<Simulator> simulator_;
-    std::optional<Problem> problem_;
-    Fit nominal_;
 };
 
 // Nothing is searched on top of the tilt: shift and slip are tried together all the same.
 TEST_F(SearchFurtherWithinFloor, TwoSensorEffectsAreTriedTogether) {
     const std::vector<double> shift{0.004, -0.003, 0.005}, slip{0.03, -0.02, 0.02, 5.0, 3.0};
     observe({}, {{test::ToyCamera::kRegistration, shift}, {test::ToyCamera::kMarkerSlip, slip}});
-    problem_->floor = {static_cast<double>(recording_->fit_rows.size()), nominal_.cost};
+    problem_->floor = {count(), nominal_.cost};
     std::vector<Cause> causes{fitted(tilt_, effects_.candidate(tilt_, 0), 0.9),
                               fitted(registration_, effects_.candidate(registration_, 0), 0.6),
                               fitted(marker_slip_, {marker_slip_, slip}, 0.6)};
@@ -163,8 +157,7 @@ TEST_F(SearchFurtherWithinFloor, ASensorIsTriedBesideWhatIsHardlyEverSoLarge) {
     for (const double newton : {5.0, 0.6}) {
         const std::vector<double> tilt{newton, -0.5 * newton, 0.6 * newton}, shift{0.001, 0.001, -0.001};
         observe({{test::ToyBody::kGravity, tilt}}, {{test::ToyCamera::kRegistration, shift}});
-        const double count = static_cast<double>(recording_->fit_rows.size());
-        problem_->floor = {count, 1.0};
+        problem_->floor = {count(), 1.0};
         Cause alone = fitted(tilt_, {tilt_, tilt}, 0.9);
         problem_->floor.model = 1.1 * alone.fit.cost;
         ASSERT_TRUE(problem_->floor.explains(left_of(alone.fit)));
