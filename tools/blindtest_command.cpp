@@ -14,6 +14,7 @@
 #include "tools/blindtest/scoring.h"
 #include "tools/blindtest/trials.h"
 #include "tools/commands.h"
+#include "tools/diagnosis_run.h"
 #include "tools/progress.h"
 
 namespace teres::tools {
@@ -29,7 +30,7 @@ struct BlindtestOptions {
     TrialOptions trial;
     double floor_mm = 0.0;  // 0: from the controls
     double least_gap_mm = 0.0;
-    bool keep = false;
+    bool keep = false, again = false;
     std::shared_ptr<const Case> given;
 };
 
@@ -124,15 +125,22 @@ Result<std::vector<CaseSpec>> sealed_and_diagnosed(const BlindtestOptions& o, st
 
 Status score(const BlindtestOptions& o, const std::vector<CaseSpec>& cases) {
     TERES_TRY_ASSIGN(const std::vector<CaseSpec> done, sealed_and_diagnosed(o, cases));
+    std::optional<tools::Judge> judge;
+    AnswerChange change;
+    if (o.again) {
+        TERES_TRY_ASSIGN(const Config config, read_offline_settings({}));
+        TERES_TRY_ASSIGN(judge, tools::Judge::open(config));
+        change = [&](const std::string& gap_json) { return judge->judged_again(gap_json); };
+    }
     std::vector<CaseResult> results;
     std::string lines;
     for (const CaseSpec& spec : done) {
-        TERES_TRY_ASSIGN(const std::optional<CaseResult> result, score_case(spec, o.out));
+        TERES_TRY_ASSIGN(const std::optional<CaseResult> result, score_case(spec, o.out, change));
         if (!result) continue;
         lines += to_json_line(*result) + "\n";
         results.push_back(*result);
     }
-    const fs::path file = fs::path(o.out) / ("results-" + shard_name(o.plan) + ".jsonl");
+    const fs::path file = fs::path(o.out) / ((o.again ? "judged-again-" : "results-") + shard_name(o.plan) + ".jsonl");
     TERES_TRY(write_text_file(file, lines));
     TERES_TRY(show(results, o));
     std::printf("\nresults: %s\n", file.c_str());
@@ -183,6 +191,8 @@ void add_blindtest_command(CLI::App& app, int& exit_code) {
         "  teres blindtest score    --cases 290 --two-causes 16 --shard 3/8 --out bench\n"
         "  teres blindtest --body phantom --cases 25 --seed 7 --out bench                   # on your own body and "
         "loads\n"
+        "  teres blindtest score --again --cases 25 --seed 7 --body phantom --out bench     # after a new calibration: "
+        "what would the answers be?\n"
         "  teres blindtest merge bench/results-*.jsonl --plots bench/plots\n"
         "Stages that were interrupted go on where they stopped; what was sealed and diagnosed by then can be scored.\n"
         "OUT/cases is all that the diagnosis is given; OUT/sealed holds the labels, OUT/seal-*.sha256 their sums "
@@ -221,6 +231,8 @@ void add_blindtest_command(CLI::App& app, int& exit_code) {
         ->type_name("S")
         ->capture_default_str();
     verb->add_flag("--withheld", o.trial.withheld, "Diagnose once more with the true effect withheld");
+    verb->add_flag("--again", o.again,
+                   "score: judge the evidence of every answer with the calibration of this program; nothing is fitted");
     verb->add_flag("--keep", o.keep, "Keep the solver's last files");
 }
 

@@ -13,8 +13,6 @@
 #include "core/case/case_reader.h"
 #include "core/case/frame_times.h"
 #include "core/case/geometry.h"
-#include "core/extensions/gap_diagnosis.h"
-#include "core/session.h"
 
 namespace teres::tools {
 namespace {
@@ -237,6 +235,24 @@ Result<DiagnosisRun> diagnose_cases(const std::vector<std::string>& case_folders
     run.points_m.assign(diagnosis->points_m().begin(), diagnosis->points_m().end());
     run.nominal_points_m.assign(diagnosis->nominal_points_m().begin(), diagnosis->nominal_points_m().end());
     return run;
+}
+
+Result<Judge> Judge::open(Config config) {
+    for (const char* assignment : {"service.bus_url=memq://", "service.case=", "service.drivers=",
+                                   "service.plugins=diagnosis", "service.health_period_s=0"})
+        TERES_TRY(config.set(assignment, "the diagnosis alone"));
+    Judge judge;
+    TERES_TRY_ASSIGN(judge.session_, Session::open(config));
+    TERES_TRY(judge.session_->start());
+    judge.diagnosis_ = judge.session_->extension<GapDiagnosis>();
+    if (judge.diagnosis_ == nullptr) return host_fault(std::string("the plugins offer no ") + GapDiagnosis::kId);
+    return judge;
+}
+
+Result<std::string> Judge::judged_again(const std::string& gap_json) {
+    const std::int32_t code = diagnosis_->judge_again(gap_json.c_str());
+    if (code != 0) return tl::unexpected(Error{static_cast<ErrorKind>(code), diagnosis_->error()});
+    return std::string(diagnosis_->gap_json());
 }
 
 }  // namespace teres::tools

@@ -4,12 +4,15 @@
 
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "core/case/case.h"
 #include "core/config.h"
+#include "core/extensions/gap_diagnosis.h"
 #include "core/result.h"
+#include "core/session.h"
 
 namespace teres::tools {
 
@@ -37,5 +40,18 @@ std::string default_cache_folder();
 /// a nominal model that does not converge (kNotUsable).
 Result<DiagnosisRun> diagnose_cases(const std::vector<std::string>& case_folders, const Config& config,
                                     const DiagnosisRunOptions& options);
+
+/// The unit `diagnosis` without a recording: judges answers again that were made before.
+class Judge {
+  public:
+    static Result<Judge> open(Config config);
+    /// "teres-gap-1" with probabilities, order and significance by the calibration of this program; nothing is fitted.
+    /// Errors: kInvalidInput: it lacks the evidence.
+    Result<std::string> judged_again(const std::string& gap_json);
+
+  private:
+    std::unique_ptr<Session> session_;
+    GapDiagnosis* diagnosis_ = nullptr;
+};
 
 }  // namespace teres::tools

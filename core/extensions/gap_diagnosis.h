@@ -38,13 +38,16 @@ struct GapRequest {
 
 class GapDiagnosis {
   public:
-    static constexpr const char* kId = "teres.gap_diagnosis/3";
+    static constexpr const char* kId = "teres.gap_diagnosis/4";
 
     /// [setup] 0, or an exit code of the commands (1 not usable, 2 bad input); then error() says why.
     virtual std::int32_t diagnose(const GapRequest& request) noexcept = 0;
+    /// [setup] The same of an answer ("teres-gap-1") that was made before: its evidence judged by this program, nothing
+    /// fitted. After it only gap_json() is valid.
+    virtual std::int32_t judge_again(const char* gap_json) noexcept = 0;
     virtual const char* error() const noexcept = 0;
 
-    // [setup] After diagnose() returned 0; valid until the next call.
+    // [setup] After either returned 0; valid until the next call.
     virtual const char* gap_json() const noexcept = 0;     ///< "teres-gap-1" (plan_only: "teres-plan-1")
     virtual const char* report_json() const noexcept = 0;  ///< what the report draws: "teres-gap-report-1"
     /// Validation points of the first recording (all of it) with the named effects added and with the model's own error

@@ -208,6 +208,7 @@ Json to_json(const Diagnosis& d, const EffectTable& effects, const TrajectoryMod
         {"cut_short", d.cut_short},
         {"numbers_used", d.recording.fit_rows.size()},
         {"cost_nominal", d.nominal.cost / used},
+        {"cost_nominal_later", d.nominal.later / used},  // beyond the fitted frames
         {"cost_named", named != nullptr ? Json(named->fit.cost / used) : Json(nullptr)},
         {"discrepancy_runs", d.discrepancy.runs},
         {"discrepancy_columns", d.discrepancy.columns.cols()},
@@ -227,6 +228,7 @@ Json to_json(const Diagnosis& d, const EffectTable& effects, const TrajectoryMod
                  {"cost_beside_motion", cause.fit.beside / used},
                  {"cost_beside_forms",
                   cause.misfit_beside_forms ? Json(*cause.misfit_beside_forms / used) : Json(nullptr)},
+                 {"rough_form", cause.rough_form},
                  {"model_cost", cause.model_error ? Json(*cause.model_error / used) : Json(nullptr)},  // in its state
                  {"score", cause.score},
                  {"tail_nats", cause.price.tail},

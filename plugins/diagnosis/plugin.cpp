@@ -13,6 +13,7 @@
 #include "plugins/diagnosis/diagnosis.h"
 #include "plugins/diagnosis/gap_json.h"
 #include "plugins/diagnosis/innovation_watch.h"
+#include "plugins/diagnosis/judged_again.h"
 #include "plugins/diagnosis/settings.h"
 #include "teres/gap_t.hpp"
 #include "teres/innovation_t.hpp"
@@ -61,15 +62,16 @@ class DiagnosisPlugin final : public Unit, public GapDiagnosis {
 
     // GapDiagnosis
     std::int32_t diagnose(const GapRequest& request) noexcept override {
-        try {
-            const Status status = work(request);
-            if (status) return 0;
-            error_ = status.error().text;
-            return static_cast<std::int32_t>(status.error().kind);
-        } catch (const std::exception& e) {
-            error_ = e.what();
-            return static_cast<std::int32_t>(ErrorKind::kHostFault);
-        }
+        return exit_code([&] { return work(request); });
+    }
+    std::int32_t judge_again(const char* gap_json) noexcept override {
+        return exit_code([&]() -> Status {
+            TERES_TRY_ASSIGN(json_, judged_again(gap_json, Calibration{}));
+            report_.clear();
+            points_.clear();
+            nominal_points_.clear();
+            return {};
+        });
     }
     const char* error() const noexcept override { return error_.c_str(); }
     const char* gap_json() const noexcept override { return json_.c_str(); }
@@ -137,6 +139,19 @@ class DiagnosisPlugin final : public Unit, public GapDiagnosis {
         gap_.radius_m =
             std::sqrt(std::max(0.0, square / total - gap_.center_x_m * gap_.center_x_m -
                                         gap_.center_y_m * gap_.center_y_m - gap_.center_z_m * gap_.center_z_m));
+    }
+
+    template <class Work>
+    std::int32_t exit_code(const Work& work) noexcept {
+        try {
+            const Status status = work();
+            if (status) return 0;
+            error_ = status.error().text;
+            return static_cast<std::int32_t>(status.error().kind);
+        } catch (const std::exception& e) {
+            error_ = e.what();
+            return static_cast<std::int32_t>(ErrorKind::kHostFault);
+        }
     }
 
     Status work(const GapRequest& request) {

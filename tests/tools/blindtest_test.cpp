@@ -443,6 +443,13 @@ TEST_F(SmallCases, AreTheSameForTheSameSeedAndSealed) {
     EXPECT_THAT(test::run_teres(score).output, ::testing::HasSubstr("| diagnosis failed | 2 |"));
     EXPECT_THAT(*read_text_file(one.path() / "results-0-of-1.jsonl"),
                 ::testing::HasSubstr("\"body\":\"11/0 "));  // so that results of several seeds merge
+    // Judged again, an answer needs its evidence.
+    std::ofstream(one.path() / "answers/c0000.json") << R"({"format": "teres-gap-1", "causes": []})";
+    std::vector<std::string> again = score;
+    again.emplace_back("--again");
+    const test::Run refused = test::run_teres(again);
+    EXPECT_EQ(refused.exit_code, 2);
+    EXPECT_THAT(refused.error, ::testing::HasSubstr("c0000.json: not the evidence of a diagnosis"));
     // A set that was stopped after its first case.
     const std::string seal = *read_text_file(one.path() / "seal-0-of-1.sha256");
     std::ofstream(one.path() / "seal-0-of-1.sha256")

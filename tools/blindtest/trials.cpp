@@ -93,9 +93,15 @@ Result<Json> read_json(const fs::path& file) {
     return json;
 }
 
-std::optional<Answer> read_answer(const fs::path& file) {
-    const auto text = read_text_file(file);
+// Nullopt: there is none, or none that can be read.
+Result<std::optional<Answer>> read_answer(const fs::path& file, const AnswerChange& change) {
+    auto text = read_text_file(file);
     if (!text) return std::nullopt;
+    if (change) {
+        auto changed = change(*text);
+        if (!changed) return tl::unexpected(Error{changed.error().kind, file.string() + ": " + changed.error().text});
+        text = std::move(changed);
+    }
     auto answer = parse_answer(*text, file.string());
     return answer ? std::optional(std::move(*answer)) : std::nullopt;
 }
@@ -127,7 +133,7 @@ Status diagnose_case(const CaseSpec& spec, const TrialOptions& o) {
     return {};
 }
 
-Result<std::optional<CaseResult>> score_case(const CaseSpec& spec, const fs::path& out) {
+Result<std::optional<CaseResult>> score_case(const CaseSpec& spec, const fs::path& out, const AnswerChange& change) {
     const fs::path sealed = out / "sealed" / spec.name;
     TERES_TRY_ASSIGN(const Json label, read_json(sealed / "label.json"));
     if (label.value("discarded", false)) return std::optional<CaseResult>{};
@@ -148,8 +154,8 @@ Result<std::optional<CaseResult>> score_case(const CaseSpec& spec, const fs::pat
                          label.value("dynamic", false) ? ", dynamic" : "");
     r.gap_nominal_mm = label["gap_mm"].value("nominal", 0.0);
     r.noise_mm = 1e3 * std::sqrt(3.0) * c.sensor.noise_sigma_m;
-    r.answer = read_answer(answer_file(out, spec, ".json"));
-    r.withheld = read_answer(answer_file(out, spec, ".withheld.json"));
+    TERES_TRY_ASSIGN(r.answer, read_answer(answer_file(out, spec, ".json"), change));
+    TERES_TRY_ASSIGN(r.withheld, read_answer(answer_file(out, spec, ".withheld.json"), change));
     if (const auto cost = read_json(answer_file(out, spec, ".cost.json"))) {
         r.seconds = cost->value("seconds", 0.0);
         r.peak_mb = cost->value("peak_mb", 0.0);

@@ -25,7 +25,11 @@ Status diagnose_case(const CaseSpec& spec, const TrialOptions& options);
 
 /// Whether a case was diagnosed (also if that failed) or discarded by the generator: nothing is left to wait for.
 bool ready_to_score(const CaseSpec& spec, const std::filesystem::path& out);
-/// Opens the label. nullopt: the case was discarded by the generator. Errors: sealed files missing or malformed.
-Result<std::optional<CaseResult>> score_case(const CaseSpec& spec, const std::filesystem::path& out);
+/// An answer (teres-gap-1) as it is to be scored.
+using AnswerChange = std::function<Result<std::string>(const std::string& gap_json)>;
+/// Opens the label. nullopt: the case was discarded by the generator. Errors: sealed files missing or malformed, or
+/// `change` (of every answer, where it is given) fails.
+Result<std::optional<CaseResult>> score_case(const CaseSpec& spec, const std::filesystem::path& out,
+                                             const AnswerChange& change = {});
 
 }  // namespace teres::blindtest

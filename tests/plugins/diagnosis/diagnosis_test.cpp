@@ -5,8 +5,11 @@
 #include <gtest/gtest.h>
 
 #include <ctime>
+#include <nlohmann/json.hpp>
 #include <random>
 
+#include "plugins/diagnosis/gap_json.h"
+#include "plugins/diagnosis/judged_again.h"
 #include "plugins/diagnosis/share_work.h"
 #include "plugins/diagnosis/work_limit.h"
 #include "tests/support/test_data.h"
@@ -221,6 +224,51 @@ TEST(Diagnosis, WithheldCauseIsUnknownNotSomethingElse) {
     EXPECT_EQ(d->shrinkage.after_m, d->shrinkage.before_m)
         << "nothing was added: the model's error is not what is left";
     EXPECT_EQ(d->ladder.size(), 1);
+}
+
+// Judged with the numbers that it was made with, an answer stays what it is; with others, only its verdict changes.
+TEST(Diagnosis, AnAnswerIsJudgedAgainFromItsEvidence) {
+    using nlohmann::json;
+    const std::vector<double> load{0.15, -0.1, -0.35, 0.08, 0.03, 5.3}, shift{0.004, -0.003, 0.005};
+    Scene scene({{test::ToyBody::kUnknownLoad, load}}, {{test::ToyCamera::kRegistration, shift}});
+    for (const std::vector<const char*>& excluded : {std::vector<const char*>{}, {"unknown_load"}}) {
+        const auto d = scene.run(excluded);
+        ASSERT_TRUE(d) << d.error().text;
+        const std::string text = gap_json(*d, *scene.effects, scene.body, {});
+        const json before = json::parse(text);
+        const auto again = judged_again(text, {});
+        ASSERT_TRUE(again) << again.error().text;
+        const json after = json::parse(*again);
+        ASSERT_EQ(after["causes"].size(), before["causes"].size());
+        // What is too unlikely to be listed is not judged again.
+        constexpr double kUnlisted = 3e-3;
+        for (std::size_t k = 0; k < before["causes"].size(); ++k) {
+            EXPECT_EQ(after["causes"][k]["effects"], before["causes"][k]["effects"]);
+            EXPECT_EQ(after["causes"][k]["parameters"], before["causes"][k]["parameters"]);
+            EXPECT_NEAR(after["causes"][k]["probability"].get<double>(),
+                        before["causes"][k]["probability"].get<double>(), kUnlisted);
+        }
+        for (const char* other : {"unknown_probability", "none_probability"})
+            EXPECT_NEAR(after[other].get<double>(), before[other].get<double>(), kUnlisted) << other;
+        EXPECT_EQ(after["gap"], before["gap"]);
+        EXPECT_EQ(after["where"], before["where"]);
+        EXPECT_EQ(after["evidence"], before["evidence"]);
+
+        const auto other = judged_again(text, {.none_bonus = 1e3});
+        ASSERT_TRUE(other) << other.error().text;
+        EXPECT_GT(json::parse(*other)["none_probability"].get<double>(), 0.9);
+        EXPECT_FALSE(json::parse(*other)["gap"]["significant"].get<bool>());
+    }
+}
+
+TEST(Diagnosis, OnlyEvidenceCanBeJudgedAgain) {
+    for (const char* text : {"", "{", "[]", "{}", R"({"format": "teres-gap-1"})",
+                             R"({"format": "teres-gap-1", "causes": [], "evidence": {"cost_nominal": "much"}})"}) {
+        const auto again = judged_again(text, {});
+        ASSERT_FALSE(again) << text;
+        EXPECT_EQ(again.error().kind, ErrorKind::kInvalidInput) << text;
+        EXPECT_NE(again.error().text.find("teres-gap-1"), std::string::npos) << again.error().text;
+    }
 }
 
 TEST(Diagnosis, TwoCausesAreBothNamed) {
