@@ -7,12 +7,12 @@
 #include <fstream>
 
 #include "plugins/diagnosis/share_work.h"
+#include "plugins/diagnosis/temporal_modes.h"
 
 namespace teres {
 namespace {
 
 constexpr std::size_t kFrames = 10;  // simulated with each variant
-constexpr Eigen::Index kModes = 8;   // temporal modes of the nominal motion
 constexpr Eigen::Index kColumns = 8;
 constexpr double kLeastColumn = 1e-3;  // columns below this share of the first are dropped
 constexpr double kOtherBranch = 5.0;   // times the median difference
@@ -103,16 +103,6 @@ Nearby nearby(const Eigen::MatrixXd& difference) {
     return out;
 }
 
-// Columns: constant, then the leading temporal modes of the motion (frames x columns).
-Eigen::MatrixXd temporal_modes(const Eigen::MatrixXd& motion) {
-    const Eigen::BDCSVD<Eigen::MatrixXd> svd(motion, Eigen::ComputeThinV);
-    const Eigen::Index modes = std::min(kModes, svd.matrixV().cols());
-    Eigen::MatrixXd basis(motion.cols(), modes + 1);
-    basis.col(0).setConstant(1.0 / std::sqrt(static_cast<double>(motion.cols())));
-    basis.rightCols(modes) = svd.matrixV().leftCols(modes);
-    return basis;
-}
-
 // Difference at the listed frames to all frames (channels x frames), through temporal modes: at most one for two
 // frames.
 Eigen::MatrixXd spread_in_time(const Eigen::MatrixXd& at_frames, const std::vector<Eigen::Index>& frames,
@@ -165,7 +155,7 @@ Discrepancy condense(std::vector<Eigen::MatrixXd> differences, const std::vector
                      const Motion& nominal, bool dynamic) {
     const Eigen::MatrixXd motion =
         nominal.channels.topRows(nominal.markers).colwise() - nominal.channels.col(0).head(nominal.markers);
-    const Eigen::MatrixXd temporal = temporal_modes(motion);
+    const Eigen::MatrixXd temporal = temporal_modes(motion, 0.0);
     const Eigen::Index F = motion.cols(), listed = static_cast<Eigen::Index>(frames.size());
     const Eigen::Index points = nominal.channels.rows() - nominal.markers;
     Eigen::MatrixXd all(motion.size(), 0), at_points(points * F, 0);

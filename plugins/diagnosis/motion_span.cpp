@@ -1,25 +1,16 @@
 #include "plugins/diagnosis/motion_span.h"
 
+#include "plugins/diagnosis/temporal_modes.h"
+
 namespace teres {
 namespace {
 
-constexpr Eigen::Index kModes = 8;
 constexpr double kLeastMode = 1e-3;  // of the first
 
-// A constant and the leading modes, one row per frame.
 Eigen::MatrixXd temporal_basis(const Eigen::VectorXd& motion, Eigen::Index channels) {
-    const Eigen::Index frames = motion.size() / channels;
-    Eigen::MatrixXd moved = Eigen::Map<const Eigen::MatrixXd>(motion.data(), channels, frames);
+    Eigen::MatrixXd moved = Eigen::Map<const Eigen::MatrixXd>(motion.data(), channels, motion.size() / channels);
     moved.colwise() -= moved.rowwise().mean().eval();
-    const Eigen::BDCSVD<Eigen::MatrixXd> svd(moved, Eigen::ComputeThinV);
-    Eigen::Index modes = 0;
-    while (modes < std::min(kModes, svd.singularValues().size()) &&
-           svd.singularValues()(modes) > kLeastMode * svd.singularValues()(0))
-        ++modes;
-    Eigen::MatrixXd basis(frames, modes + 1);
-    basis.col(0).setOnes();
-    basis.rightCols(modes) = svd.matrixV().leftCols(modes);
-    return basis;
+    return temporal_modes(moved, kLeastMode);
 }
 
 }  // namespace
