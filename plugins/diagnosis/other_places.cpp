@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <string>
 
 #include "plugins/diagnosis/search_steps.h"
 #include "plugins/diagnosis/strong_start.h"
@@ -17,11 +18,27 @@ constexpr double kOtherCourse = 0.3;   // prior standard deviations of an instan
 constexpr double kLineStep = 0.25;     // of `apart_m`, along a line of action
 constexpr double kMostSteps = 1000.0;  // to either side
 
-std::optional<Eigen::Vector3d> force_of(const EffectEntry& entry, const ActiveEffect& effect) {
-    const double *x = value_of(entry, effect, "force_x"), *y = value_of(entry, effect, "force_y"),
-                 *z = value_of(entry, effect, "force_z");
-    if (x == nullptr || y == nullptr || z == nullptr) return std::nullopt;
-    return Eigen::Vector3d(*x, *y, *z);
+// Parameters <name>_x, _y, _z.
+std::optional<Eigen::Vector3d> vector_of(const EffectEntry& entry, const ActiveEffect& effect,
+                                         const std::string& name) {
+    Eigen::Vector3d out;
+    for (Eigen::Index a = 0; a < 3; ++a) {
+        const double* value = value_of(entry, effect, name + "_" + "xyz"[a]);
+        if (value == nullptr) return std::nullopt;
+        out(a) = *value;
+    }
+    return out;
+}
+
+// Direction of a force; of one that swings as cos and sin of its phase, the axis of its larger swing. Nothing for what
+// is no force.
+std::optional<Eigen::Vector3d> line_of_action(const EffectEntry& entry, const ActiveEffect& effect) {
+    const auto force = vector_of(entry, effect, "force");
+    if (force) return force->norm() > 0.0 ? std::optional(force->normalized()) : std::nullopt;
+    const auto c = vector_of(entry, effect, "cos"), s = vector_of(entry, effect, "sin");
+    if (!c || !s || !(c->norm() + s->norm() > 0.0)) return std::nullopt;
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> swing(*c * c->transpose() + *s * s->transpose());
+    return swing.eigenvectors().col(2);
 }
 
 ActiveEffect acting_at(const Simulator& simulator, ActiveEffect effect, const Eigen::Vector3d& centre_m) {
@@ -53,6 +70,20 @@ const PlaceGain* of_another_course(const EffectEntry& entry, const EffectScreeni
     return best;
 }
 
+void sort_by_cost(std::vector<Cause>& causes) {
+    std::stable_sort(causes.begin(), causes.end(),
+                     [](const Cause& a, const Cause& b) { return a.fit.cost < b.fit.cost; });
+}
+
+// The best whose last effect is not where that of the first is; null: there is none, or it is further behind.
+Cause* best_elsewhere(const EffectEntry& entry, std::vector<Cause>& by_cost, double apart_m, double most_misfit) {
+    const Eigen::Vector3d first = *centre_of(entry, by_cost.front().fit.at.effects.back());
+    const auto found = std::find_if(by_cost.begin() + 1, by_cost.end(), [&](const Cause& cause) {
+        return (*centre_of(entry, cause.fit.at.effects.back()) - first).norm() >= apart_m;
+    });
+    return found != by_cost.end() && found->fit.misfit <= most_misfit ? &*found : nullptr;
+}
+
 // Where what fits nearly as well has its last effect, each apart from the best and from one another.
 std::vector<OtherPlace> as_likely(const EffectEntry& entry, const Cause& best, const std::vector<Cause>& others,
                                   double apart_m, double temperature) {
@@ -75,8 +106,8 @@ std::vector<OtherPlace> as_likely(const EffectEntry& entry, const Cause& best, c
 
 std::vector<ActiveEffect> along_line_of_action(const Simulator& simulator, const ActiveEffect& effect, double apart_m) {
     const EffectEntry& entry = simulator.effects()[effect.entry];
-    const auto force = force_of(entry, effect), from = centre_of(entry, effect);
-    if (entry.sensor || !force || !from || !(force->norm() > 0.0) || !(apart_m > 0.0)) return {};
+    const auto line = line_of_action(entry, effect), from = centre_of(entry, effect);
+    if (entry.sensor || !line || !from || !(apart_m > 0.0)) return {};
     double reach = 0.0;
     for (const EffectParameter& p : entry.parameters)
         if (std::string_view(p.unit) == "m") reach = std::max(reach, p.upper - p.lower);
@@ -85,7 +116,7 @@ std::vector<ActiveEffect> along_line_of_action(const Simulator& simulator, const
     std::vector<ActiveEffect> met;
     std::vector<double> distance;  // from the line's points to the surface
     for (int k = -steps; k <= steps; ++k) {
-        const Eigen::Vector3d point = *from + k * step * force->normalized();
+        const Eigen::Vector3d point = *from + k * step * *line;
         met.push_back(acting_at(simulator, effect, point));
         distance.push_back((*centre_of(entry, met.back()) - point).norm());
     }
@@ -126,8 +157,17 @@ void try_other_places(Problem& problem, const Fit& nominal, const Base* base, co
     others.push_back(std::move(cause));
     std::erase_if(others, [](const Cause& c) { return !c.fit.usable; });
     for (Cause& other : others) score(problem, nominal, base, other);
-    std::stable_sort(others.begin(), others.end(),
-                     [](const Cause& a, const Cause& b) { return a.fit.cost < b.fit.cost; });
+    sort_by_cost(others);
+    // Descents come differently far in so many steps: what may be the better place is fitted on before it is chosen.
+    const bool worth_settling = problem.outlook == nullptr && !problem.out_of_time();
+    if (Cause* elsewhere = best_elsewhere(entry, others, apart, nearby); elsewhere != nullptr && worth_settling) {
+        side_by_side(problem, 2, [&](Problem& p, std::size_t k) {
+            Cause& one = k == 0 ? others.front() : *elsewhere;
+            settle(p, one, kFurtherIterations);
+            score(p, nominal, base, one);
+        });
+        sort_by_cost(others);
+    }
     cause = std::move(others.front());
     others.erase(others.begin());
     cause.other_places = as_likely(entry, cause, others, apart, problem.options.calibration.temperature);
