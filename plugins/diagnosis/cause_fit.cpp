@@ -66,7 +66,7 @@ void halve(const EffectEntry& entry, ActiveEffect& effect) {
 
 void settle_instant(Problem& problem, Fit& fit, int iterations) {
     for (int round = 0; round < kInstantRounds; ++round) {
-        if (!fit.usable || fit.misfit >= problem.out_of_reach || problem.out_of_time()) return;
+        if (!fit.usable || problem.hopeless(fit) || problem.out_of_time()) return;
         const auto moved = at_best_instant(problem, fit.at);
         if (!moved || moved->left > kMoved * fit.misfit) return;
         Fit again = fit_from_whole(problem, moved->at, iterations);
@@ -129,7 +129,7 @@ Fit fit_with(Problem& problem, const Fit& without, bool further, const ActiveEff
         if (again.usable && (!fit.usable || again.cost < fit.cost)) fit = std::move(again);
     }
     settle_instant(problem, fit, iterations);
-    for (int round = 0; fit.usable && round < kShapeRounds && fit.misfit < problem.out_of_reach; ++round) {
+    for (int round = 0; fit.usable && round < kShapeRounds && !problem.hopeless(fit); ++round) {
         const double before = fit.cost;
         improve_shapes(problem.simulator, problem.whitener, problem.recording.observed, fit);
         if (fit.cost > kImproved * before || fit.cost < problem.floor.total() || problem.out_of_time()) break;

@@ -14,7 +14,6 @@
 namespace teres {
 namespace {
 
-constexpr int kAgainIterations = 8;  // of what was named, on other data
 constexpr double kNearlyAll = 0.97;  // explained: nothing is left for one more effect
 
 // A recording as far as it goes under assumptions that were fitted elsewhere or on its beginning.
@@ -271,7 +270,7 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
     SecondThread second(problem);
     TERES_TRY(second.begin(recording, effects));
 
-    std::vector<Cause> causes = search(problem, nominal, nullptr, out.screening);
+    std::vector<Cause> causes = search(problem, nominal, nullptr, out.screening, before);
     const auto fails = [&](const Cause* cause) { return fails_later(problem, cause); };
     // What fails later is searched again, with other data held out, if there is time for that: then nothing is finished
     // or added here.
@@ -282,10 +281,6 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
     bool again = searched_again();
     if (!again) {
         finish(problem, nominal, nullptr, out.screening, causes);
-        if (before != nullptr) {
-            keep_better(causes, fitted_from(problem, nominal, *before, before->fit.at, kAgainIterations));
-            sort_by_score(causes);
-        }
         again = searched_again();
     }
     out.confusability = confusability(out.screening, nominal.J);

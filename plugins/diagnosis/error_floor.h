@@ -55,8 +55,6 @@ struct ErrorFloor {
     ErrorFloor with_noise(double factor) const;
     double above(double cost) const { return std::max(cost - noise, 0.0) + model; }
     double total() const { return noise + model; }
-    /// The cost c for which above(c) is this.
-    double cost_of(double above) const { return noise + above - model; }
 };
 
 /// J: whitened derivatives of the nominal parameters (the ligaments take up what they can). `dynamic`: with inertia.

@@ -223,7 +223,8 @@ Fit fit_jointly(Simulator& simulator, const Whitener& whitener, const Eigen::Vec
         course.push_back(misfit_and_ligaments(best));
         if (iteration < kPatience) continue;
         const double gained = course[course.size() - 1 - kPatience] - course.back();
-        given_up = course.back() - gained / kPatience * (options.max_iterations - iteration) > options.out_of_reach;
+        const double ahead = course.back() - gained / kPatience * (options.max_iterations - iteration);
+        given_up = options.hopeless && options.hopeless(best.residual, ahead);
         if (given_up) break;
     }
     if (rebased && !given_up) {  // frames between those solved come from far

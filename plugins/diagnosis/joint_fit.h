@@ -7,7 +7,7 @@
 #pragma once
 
 #include <Eigen/Dense>
-#include <limits>
+#include <functional>
 
 #include "plugins/diagnosis/fit_space.h"
 #include "plugins/diagnosis/simulator.h"
@@ -21,9 +21,10 @@ struct FitOptions {
     double tolerance = 0.01;     ///< of the relative decrease of the cost
     std::size_t num_frames = 0;  ///< only so many from the first; 0: all
     bool growing = false;        ///< the beginning of the recording first: a phase must not be off by half a period
-    double out_of_reach = std::numeric_limits<double>::infinity();  ///< misfit at which a fit is of no use: it is given
-                                                                    ///< up where its last steps do not lead below
-    const WorkLimit* limit = nullptr;                               ///< once reached, a few iterations have to do
+    /// Whether a fit is of no use that will come to `misfit` and leaves `residual` (whitened) now: it is given up where
+    /// its last steps lead to no better. Empty: none is.
+    std::function<bool(const Eigen::VectorXd& residual, double misfit)> hopeless{};
+    const WorkLimit* limit = nullptr;  ///< once reached, a few iterations have to do
     bool robust = false;  ///< markers far off the rest lose weight (Huber), so that a slipped one does not bend the fit
 };
 

@@ -151,7 +151,7 @@ void try_other_places(Problem& problem, const Fit& nominal, const Base* base, co
     const double nearby =
         problem.outlook != nullptr ? std::numeric_limits<double>::infinity() : kNearby * cause.fit.misfit;
     side_by_side(problem, places.size(), [&](Problem& p, std::size_t k) {
-        const GivenUpBeyond bound(p, nearby, nominal.misfit);
+        const GivenUpBeyond bound(p, {.misfit = nearby}, nominal.misfit);
         others[k] = refit(p, nominal, base != nullptr ? &base->known : nullptr, places[k], kFurtherIterations);
     });
     others.push_back(std::move(cause));

@@ -1,6 +1,8 @@
 // One diagnosis' problem: what its stages share, and its nominal fit.
 #pragma once
 
+#include <cmath>
+#include <limits>
 #include <memory>
 
 #include "plugins/diagnosis/diagnosis.h"
@@ -33,6 +35,15 @@ Whitener whitener_for(const Recording& recording, const Discrepancy& discrepancy
 Whitener tempered_whitener(const std::vector<Eigen::Index>& rows, const Eigen::VectorXd& sigma,
                            const Eigen::MatrixXd& columns, const Calibration& calibration);
 
+/// What a fit must leave less than to be of use.
+struct Reach {
+    double misfit = std::numeric_limits<double>::infinity();
+    double log_above = std::numeric_limits<double>::infinity();  ///< ErrorFloor::log_above
+    /// It may leave nothing beside the span of the motion in the end, whatever it leaves there now: an event at
+    /// another instant has another course in time. Else what is there goes down with the rest.
+    bool any_course = false;
+};
+
 struct Problem {
     Simulator& simulator;
     Recording& recording;
@@ -45,17 +56,27 @@ struct Problem {
     std::shared_ptr<const MotionSpan> span{};  ///< of the nominal motion; null: nothing is told apart by it
     Problem* beside = nullptr;  ///< the same with a simulator of its own, for a second thread; null: there is none
 
-    double out_of_reach = std::numeric_limits<double>::infinity();  ///< FitOptions, of every fit
-    double worst_start = std::numeric_limits<double>::infinity();   ///< misfit: a refit that begins beyond is not made
+    Reach reach{};                                                 ///< of every fit
+    double worst_start = std::numeric_limits<double>::infinity();  ///< misfit: a refit that begins beyond is not made
 
     Fit fit(const Assumption& start, int iterations, bool robust = false) {
-        return fit_jointly(simulator, whitener, recording.observed, start,
-                           {.max_iterations = iterations,
-                            .growing = simulator.mechanics().dynamic(),
-                            .out_of_reach = out_of_reach,
-                            .limit = limit,
-                            .robust = robust});
+        return fit_jointly(
+            simulator, whitener, recording.observed, start,
+            {.max_iterations = iterations,
+             .growing = simulator.mechanics().dynamic(),
+             .hopeless = [this](const Eigen::VectorXd& residual, double misfit) { return hopeless(residual, misfit); },
+             .limit = limit,
+             .robust = robust});
     }
+    /// Whether what leaves `residual` now will be of no use at this misfit.
+    bool hopeless(const Eigen::VectorXd& residual, double misfit) const {
+        if (misfit >= reach.misfit) return true;
+        if (!std::isfinite(reach.log_above)) return false;
+        const double beside = reach.any_course ? 0.0 : beside_span(residual);
+        const Left ahead = reach.any_course ? Left(misfit) : floor.scaled({residual.squaredNorm(), beside}, misfit);
+        return floor.log_above(ahead) >= reach.log_above;
+    }
+    bool hopeless(const Fit& fit) const { return hopeless(fit.residual, fit.misfit); }
     /// Work that an answer can do without is left out.
     bool out_of_time() const { return limit != nullptr && limit->reached(); }
     /// Whether as much work as was done is left.
@@ -93,16 +114,18 @@ class Sharing {
     bool on_;
 };
 
-/// While it lives, fits of this problem are given up that would leave a misfit beyond this one, or begin beyond
-/// `start`.
+/// While it lives, fits of this problem are given up that do not come within reach, or begin beyond the misfit `start`.
 class GivenUpBeyond {
   public:
-    GivenUpBeyond(Problem& problem, double misfit, double start = std::numeric_limits<double>::infinity())
+    GivenUpBeyond(Problem& problem, const Reach& reach, double start = std::numeric_limits<double>::infinity())
         : problem_(problem) {
-        problem.out_of_reach = misfit;
+        problem.reach = reach;
         problem.worst_start = start;
     }
-    ~GivenUpBeyond() { problem_.out_of_reach = problem_.worst_start = std::numeric_limits<double>::infinity(); }
+    ~GivenUpBeyond() {
+        problem_.reach = {};
+        problem_.worst_start = std::numeric_limits<double>::infinity();
+    }
     GivenUpBeyond(const GivenUpBeyond&) = delete;
     GivenUpBeyond& operator=(const GivenUpBeyond&) = delete;
 

@@ -27,16 +27,16 @@ std::vector<EffectScreening> chosen_of(const Screening& screening, std::size_t b
     return chosen;
 }
 
-// Refits and scores what was chosen; rivals whose linear score is out of the best one's reach are left out.
+// Refits and scores what was chosen besides `causes`; rivals whose linear score is out of the best one's reach are left
+// out.
 std::vector<Cause> fit_chosen(Problem& problem, const Fit& nominal, const Base* base,
-                              const std::vector<EffectScreening>& chosen) {
+                              const std::vector<EffectScreening>& chosen, std::vector<Cause> causes) {
     const Cause* known = base != nullptr ? &base->known : nullptr;
     const std::size_t always = known == nullptr ? 2 : 1;
     const int iterations = known == nullptr ? kRefitIterations : kFurtherIterations;
     const auto report =
         stage(problem.options, known == nullptr ? "fitting the best effects" : "fitting further effects");
     report(0.0);
-    std::vector<Cause> causes;
     const auto as_screened = [&](const Cause& cause) {
         return cause.score - told_apart(nominal, cause, problem.floor, problem.options.calibration);
     };
@@ -53,10 +53,10 @@ std::vector<Cause> fit_chosen(Problem& problem, const Fit& nominal, const Base* 
     for (std::size_t next = 0; next < chosen.size();) {
         std::vector<const EffectScreening*> pair;
         for (; next < chosen.size() && pair.size() < 2; ++next)
-            if (causes.size() < always || (!problem.out_of_time() && !settled(chosen[next])))
+            if (next < always || causes.empty() || (!problem.out_of_time() && !settled(chosen[next])))
                 pair.push_back(&chosen[next]);
         for (Cause& cause : fit_beside(problem, nominal, base, causes, pair, iterations))
-            causes.push_back(std::move(cause));
+            keep_better(causes, std::move(cause));
         report(static_cast<double>(next) / static_cast<double>(chosen.size()));
     }
     return causes;
@@ -86,7 +86,8 @@ void fit_family(Problem& problem, const Fit& nominal, const Base* base, const Sc
 // Effects that were not fitted, with their linear score.
 void add_screened(const Screening& screening, std::vector<Cause>& causes) {
     for (const EffectScreening& effect : screening.effects) {
-        if (std::any_of(causes.begin(), causes.end(), [&](const Cause& c) { return c.entries[0] == effect.entry; }))
+        if (std::any_of(causes.begin(), causes.end(),
+                        [&](const Cause& c) { return c.entries == std::vector<std::size_t>{effect.entry}; }))
             continue;
         Cause cause;
         cause.entries = {effect.entry};
@@ -98,7 +99,8 @@ void add_screened(const Screening& screening, std::vector<Cause>& causes) {
 
 }  // namespace
 
-std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base, Screening& screening) {
+std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base, Screening& screening,
+                          const Cause* before) {
     const DiagnosisOptions& options = problem.options;
     const Cause* known = base != nullptr ? &base->known : nullptr;
     const Fit& from = base != nullptr ? base->fit : nominal;
@@ -133,7 +135,9 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base
     } else {
         chosen = chosen_of(screening, 2, 1);
     }
-    std::vector<Cause> causes = fit_chosen(problem, nominal, base, chosen);
+    std::vector<Cause> causes;
+    if (before != nullptr) causes.push_back(fitted_from(problem, nominal, *before, before->fit.at, kRefitIterations));
+    causes = fit_chosen(problem, nominal, base, chosen, std::move(causes));
     fit_family(problem, nominal, base, screening, causes);
     if (known == nullptr)
         add_screened(screening, causes);

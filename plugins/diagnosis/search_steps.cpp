@@ -51,15 +51,14 @@ std::vector<Cause*> worth_finishing(const Problem& problem, const std::vector<Ca
 
 }  // namespace
 
-double out_of_reach(const Problem& problem, const Fit& nominal, const std::vector<Cause>& causes, double search_cost) {
-    if (problem.outlook != nullptr) return std::numeric_limits<double>::infinity();  // what is left later is not known
+Reach reach_of_best(const Problem& problem, const Fit& nominal, const std::vector<Cause>& causes,
+                    const EffectEntry& added, double search_cost) {
+    if (problem.outlook != nullptr) return {};  // what is left later is not known
     double best = 0.0;
     for (const Cause& cause : causes) best = std::max(best, cause.score);
     const double gain = best - kOutOfReach + search_cost;
-    const ErrorFloor& floor = problem.floor;
-    double most = floor.log_above(left_of(nominal)) - 2.0 * gain / problem.options.calibration.nu;
-    if (floor.split()) most -= std::log(floor.model_beside);  // as if it left nothing beside the motion
-    return floor.cost_of(std::exp(most));
+    return {.log_above = problem.floor.log_above(left_of(nominal)) - 2.0 * gain / problem.options.calibration.nu,
+            .any_course = added.info.event};
 }
 
 std::vector<Cause> fit_beside(Problem& problem, const Fit& nominal, const Base* base,
@@ -68,9 +67,9 @@ std::vector<Cause> fit_beside(Problem& problem, const Fit& nominal, const Base* 
     const Cause* known = base != nullptr ? &base->known : nullptr;
     std::vector<Cause> fitted(added.size());
     side_by_side(problem, added.size(), [&](Problem& p, std::size_t k) {
-        const GivenUpBeyond bound(p,
-                                  out_of_reach(p, nominal, known_so_far,
-                                               (known != nullptr ? known->search_cost : 0.0) + added[k]->search_cost));
+        const double search_cost = (known != nullptr ? known->search_cost : 0.0) + added[k]->search_cost;
+        const EffectEntry& entry = p.simulator.effects()[added[k]->entry];
+        const GivenUpBeyond bound(p, reach_of_best(p, nominal, known_so_far, entry, search_cost));
         fitted[k] = refit(p, nominal, known, *added[k], iterations);
         score(p, nominal, base, fitted[k]);
     });

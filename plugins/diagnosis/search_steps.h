@@ -13,8 +13,9 @@ inline constexpr double kOutOfReach = 15.0;
 /// cause between the points of the search grid looks worse than it is.
 std::vector<std::size_t> worth_refitting(const Screening& screening, std::size_t by_score, std::size_t by_share);
 
-/// Beyond this misfit an effect is out of the best one's reach even if its amplitudes cost nothing.
-double out_of_reach(const Problem& problem, const Fit& nominal, const std::vector<Cause>& causes, double search_cost);
+/// What an effect must leave less than to come near the best one even if its amplitudes cost nothing.
+Reach reach_of_best(const Problem& problem, const Fit& nominal, const std::vector<Cause>& causes,
+                    const EffectEntry& added, double search_cost);
 
 /// Effects fitted on top of what is known, two at a time; both are given up by what was known before.
 std::vector<Cause> fit_beside(Problem& problem, const Fit& nominal, const Base* base,

@@ -92,7 +92,8 @@ void fit_at_full_size(Problem& problem, const Fit& nominal, const std::vector<co
         const std::size_t count = std::min<std::size_t>(2, strong.size() - first);
         side_by_side(problem, count, [&](Problem& p, std::size_t k) {
             Cause& cause = strong[first + k];
-            const GivenUpBeyond bound(p, out_of_reach(p, nominal, causes, cause.search_cost));
+            const EffectEntry& entry = p.simulator.effects()[cause.entries[0]];
+            const GivenUpBeyond bound(p, reach_of_best(p, nominal, causes, entry, cause.search_cost));
             refit_strongly(p, nominal, starts[first + k], cause);
         });
         for (std::size_t k = 0; k < count; ++k) keep_better(causes, std::move(strong[first + k]));

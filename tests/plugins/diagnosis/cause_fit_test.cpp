@@ -62,6 +62,39 @@ TEST(CauseFit, IsSettledOnItsOwnCourse) {
     EXPECT_NEAR(cause.fit.misfit, real.misfit, 1e-9 * real.misfit);
 }
 
+// A residual of 8 in the span of the motion and 2 beside it, floors 1 and 0.1. Come down to 5 it leaves ln (4 + 1)(1 +
+// 0.1) where what is beside goes down with the rest, and ln (5 + 1) 0.1 where nothing need be left there.
+TEST(CauseFit, IsHopelessByWhatItLeavesInsideAndBesideTheMotion) {
+    test::ToyBody body;
+    const EffectTable effects(body, nullptr, {});
+    const std::vector<double> observed = body.motion({std::vector<double>{38.0, 70.0}, {}});
+    Recording recording = *make_recording({"toy", &body, nullptr, observed, kNoise, 1});
+    Simulator simulator(body, nullptr, effects);
+    const DiagnosisOptions options;
+    Problem problem{simulator, recording, options, {}, white(recording)};
+    problem.floor = {.noise = 0.0, .model = 1.0, .noise_beside = 0.0, .model_beside = 0.1};
+    const std::size_t channels = 3 * recording.num_markers;
+    problem.span = std::make_shared<const MotionSpan>(Eigen::VectorXd::Zero(recording.observed.size()), channels,
+                                                      recording.fit_rows);
+    const auto rows = static_cast<Eigen::Index>(recording.fit_rows.size());
+    Eigen::VectorXd residual = Eigen::VectorXd::Constant(rows, std::sqrt(8.0 / static_cast<double>(rows)));
+    residual(0) += 1.0;  // up in the first frame, down in the next
+    residual(static_cast<Eigen::Index>(channels)) -= 1.0;
+    ASSERT_NEAR(problem.beside_span(residual), 2.0, 1e-12);
+    const auto hopeless = [&](double log_above, bool any_course) {
+        problem.reach = {.log_above = log_above, .any_course = any_course};
+        return problem.hopeless(residual, 5.0);
+    };
+    EXPECT_TRUE(hopeless(std::log(5.4), false));
+    EXPECT_FALSE(hopeless(std::log(5.6), false));
+    EXPECT_TRUE(hopeless(std::log(0.59), true));
+    EXPECT_FALSE(hopeless(std::log(0.61), true));
+    problem.reach = {.misfit = 4.0};
+    EXPECT_TRUE(problem.hopeless(residual, 5.0));
+    problem.reach = {};
+    EXPECT_FALSE(problem.hopeless(residual, 5.0));
+}
+
 // First order asks for eight times the force, with which the body would be in another equilibrium; there the residual
 // asks for still more.
 TEST(CauseFit, BeginsNoFurtherOffThanWithoutTheEffect) {
