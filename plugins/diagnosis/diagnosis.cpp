@@ -281,6 +281,7 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
     bool again = searched_again();
     if (!again) {
         finish(problem, nominal, nullptr, out.screening, causes);
+        look_for_tears(problem, nominal, out.screening, causes);
         again = searched_again();
     }
     out.confusability = confusability(out.screening, nominal.J);

@@ -1,7 +1,7 @@
 #include "plugins/diagnosis/search_further.h"
 
 #include <algorithm>
-#include <optional>
+#include <cmath>
 
 #include "plugins/diagnosis/form_columns.h"
 #include "plugins/diagnosis/search.h"
@@ -16,6 +16,7 @@ constexpr double kMostAlone = 0.5;     // explained by a sensor effect that may 
 constexpr double kHardlyLess = 0.9;    // of what is left without the second effect
 constexpr double kVeryMuch = 5.0;      // times what noise and model error explain
 constexpr double kFarFromPrior = 6.0;  // nats of every effect: a sensor beside one of usual size may cost less
+constexpr double kTrace = 0.1;         // prior standard deviations of every amplitude of an effect
 constexpr double kFormShare = 0.2;     // standard deviation of a form, share of the effect's motion
 
 // The whitener in use, with columns for what the known effects may get wrong of their form.
@@ -168,6 +169,9 @@ std::vector<Cause> search_on_top_of(Problem& problem, const Fit& nominal, Cause 
     std::vector<Cause> larger = search_on_top(problem, nominal, known);
     for (Cause& cause : causes)
         if (cause.entries == known.entries) cause.misfit_beside_forms = known.misfit_beside_forms;
+    if (!larger.empty() && !problem.simulator.mechanics().dynamic() && !problem.out_of_time())
+        if (auto better = without_trace(problem, nominal, known, larger.front()))
+            keep_better(causes, std::move(*better));
     return larger;
 }
 
@@ -253,6 +257,18 @@ AfterBeginning search_after_beginning(Problem& problem, const Fit& nominal, cons
 }
 
 }  // namespace
+
+std::optional<Cause> without_trace(Problem& problem, const Fit& nominal, const Cause& known, const Cause& larger) {
+    if (known.entries.size() != 1 || larger.entries.size() != 2 || !larger.fit.usable) return std::nullopt;
+    const std::vector<EffectParameter>& added = problem.simulator.effects()[larger.entries.back()].parameters;
+    const Eigen::VectorXd u = larger.fit.u.tail(static_cast<Eigen::Index>(added.size()));
+    for (std::size_t p = 0; p < added.size(); ++p)
+        if (added[p].role == EffectRole::kAmplitude && std::abs(u(static_cast<Eigen::Index>(p))) > kTrace)
+            return std::nullopt;
+    Assumption at = larger.fit.at;
+    at.effects.pop_back();
+    return fitted_from(problem, nominal, known, at, kIterations);
+}
 
 bool search_further(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes) {
     const double best_before = causes.front().score;

@@ -1,6 +1,8 @@
 // Several causes at once: one more effect on top of those that are known.
 #pragma once
 
+#include <optional>
+
 #include "plugins/diagnosis/cause_fit.h"
 
 namespace teres {
@@ -11,5 +13,9 @@ namespace teres {
 /// inertia, what the best set of three or more gained last is given to its rivals. False: nothing was found that is
 /// better than the best before.
 bool search_further(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes);
+
+/// Of a set to which an effect was added of which hardly anything is there: the one before, fitted from there. What the
+/// set seems to gain is a better fit of that. Nothing for other sets.
+std::optional<Cause> without_trace(Problem& problem, const Fit& nominal, const Cause& known, const Cause& larger);
 
 }  // namespace teres

@@ -103,6 +103,25 @@ void fit_at_full_size(Problem& problem, const Fit& nominal, const std::vector<co
 
 }  // namespace
 
+void look_for_tears(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes) {
+    const EffectTable& effects = problem.simulator.effects();
+    if (causes.empty()) return;
+    sort_by_score(causes);
+    const Cause& best = causes.front();
+    if (!best.fit.usable || best.entries.size() > 1 || problem.simulator.mechanics().dynamic() || problem.out_of_time())
+        return;
+    const EffectEntry& named = effects[best.entries[0]];
+    if (!named.info.event || named.sensor || named.support()) return;
+    std::vector<const EffectScreening*> tears;
+    for (const EffectScreening& effect : screening.effects)
+        if (effects[effect.entry].support() && effects[effect.entry].info.event) tears.push_back(&effect);
+    if (tears.empty()) return;
+    const double best_before = best.score;
+    fit_at_full_size(problem, nominal, tears, false, stage(problem.options, "looking for a tear"), causes);
+    sort_by_score(causes);
+    if (causes.front().score > best_before) finish(problem, nominal, nullptr, screening, causes);
+}
+
 bool look_again(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes) {
     const Told told = told_now(problem, nominal, causes);
     const bool enough = std::any_of(causes.begin(), causes.end(),

@@ -171,5 +171,35 @@ TEST_F(SearchFurtherWithinFloor, ASensorIsTriedBesideWhatIsHardlyEverSoLarge) {
     }
 }
 
+// A modulus that was not fitted to the end and a tilt of which nothing is there: what the pair leaves the modulus alone
+// leaves, too. Of a tilt that is there nothing is taken back.
+TEST_F(SearchFurther, WhatIsHardlyThereIsTakenBack) {
+    const EffectTable effects(body_, nullptr, {});
+    const std::vector<double> soft{0.6};
+    body_.known_supports = true;
+    const std::vector<EffectInstance> truth{{Toy::kStiffness, soft}};
+    pose(body_.motion({{}, truth}), effects, nullptr);
+    problem_->floor = {count(), 0.3 * count()};
+    const std::size_t stiffness = effects.find("stiffness"), gravity = effects.find("gravity");
+    ActiveEffect modulus = effects.candidate(stiffness, 0), tilt = effects.candidate(gravity, 0);
+    const auto fitted = [&](std::vector<ActiveEffect> at) {
+        Cause cause;
+        for (const ActiveEffect& effect : at) cause.entries.push_back(effect.entry);
+        cause.fit = problem_->fit({{}, std::move(at)}, 0);
+        return cause;
+    };
+    modulus.values = {0.8};
+    const Cause known = fitted({modulus});
+    modulus.values = {0.6};
+    tilt.values = {0.0, 0.0, 1e-6};
+    const auto better = without_trace(*problem_, nominal_, known, fitted({modulus, tilt}));
+    ASSERT_TRUE(better);
+    EXPECT_EQ(better->entries, known.entries);
+    EXPECT_NEAR(better->fit.at.effects[0].values[0], 0.6, 1e-3);
+    EXPECT_LT(better->misfit, 0.1 * known.fit.misfit);
+    tilt.values = {0.0, 0.0, 0.4};
+    EXPECT_FALSE(without_trace(*problem_, nominal_, known, fitted({modulus, tilt})));
+}
+
 }  // namespace
 }  // namespace teres
