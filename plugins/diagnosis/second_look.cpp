@@ -111,7 +111,7 @@ void look_for_tears(Problem& problem, const Fit& nominal, const Screening& scree
     if (!best.fit.usable || best.entries.size() > 1 || problem.simulator.mechanics().dynamic() || problem.out_of_time())
         return;
     const EffectEntry& named = effects[best.entries[0]];
-    if (!named.info.event || named.sensor || named.support()) return;
+    if (!named.info.event || named.sensor || (named.support() && problem.floor.explains(left_of(best.fit)))) return;
     std::vector<const EffectScreening*> tears;
     for (const EffectScreening& effect : screening.effects)
         if (effects[effect.entry].support() && effects[effect.entry].info.event) tears.push_back(&effect);
