@@ -95,7 +95,8 @@ Json judged(Json answer, const Calibration& calibration) {
 Result<std::string> judged_again(const std::string& gap_json, const Calibration& calibration) {
     try {
         Json answer = Json::parse(gap_json);
-        if (!answer.is_object() || answer.value("format", "") != "teres-gap-1") return invalid_input("not a diagnosis (teres-gap-1)");
+        if (!answer.is_object() || answer.value("format", "") != "teres-gap-1")
+            return invalid_input("not a diagnosis (teres-gap-1)");
         return judged(std::move(answer), calibration).dump(1) + "\n";
     } catch (const Json::exception& e) {
         return invalid_input(std::string("not the evidence of a diagnosis (teres-gap-1): ") + e.what());
