@@ -11,8 +11,8 @@ namespace teres {
 void try_other_places(Problem& problem, const Fit& nominal, const Base* base, const Screening& screening, Cause& cause);
 
 /// The effect acting from where its line of action (force_x, _y, _z, or the axis of the swing cos_x, ... sin_z, at
-/// center_x, _y, _z) meets the surface at least
-/// `apart_m` from where it acts now; nothing for what is no force on the surface.
+/// center_x, _y, _z) meets the surface at least `apart_m` from where it acts now; nothing for what is no force on the
+/// surface.
 std::vector<ActiveEffect> along_line_of_action(const Simulator& simulator, const ActiveEffect& effect, double apart_m);
 
 }  // namespace teres
