@@ -19,22 +19,37 @@ Whitener white(const Recording& recording) {
                     Eigen::MatrixXd(recording.observed.size(), 0));
 }
 
+const std::vector<double> kSupports{38.0, 70.0};
+
+// A recording of the plate on these supports, with effects on, as a problem whose noise is white.
+struct Posed {
+    explicit Posed(test::ToyBody& body, const std::vector<EffectInstance>& on = {})
+        : effects(body, nullptr, {}),
+          observed(body.motion({kSupports, on})),
+          recording(*make_recording({"toy", &body, nullptr, observed, kNoise, 1})),
+          simulator(body, nullptr, effects),
+          problem{simulator, recording, options, {}, white(recording)} {}
+
+    const EffectTable effects;
+    const std::vector<double> observed;
+    Recording recording;
+    Simulator simulator;
+    const DiagnosisOptions options{};
+    Problem problem;
+};
+
 // Found again from its own course: from that of other supports the body ends 50 mm away.
 TEST(CauseFit, BeginsWithItsOwnCourse) {
     test::ToyBody body;
     body.other_branch_m = 0.05;
-    const EffectTable effects(body, nullptr, {});
-    const std::vector<double> observed = body.motion({std::vector<double>{38.0, 70.0}, {}});
-    Recording recording = *make_recording({"toy", &body, nullptr, observed, 3e-4, 1});
-    Simulator simulator(body, nullptr, effects);
-    const DiagnosisOptions options;
-    Problem problem{simulator, recording, options, {}, white(recording)};
-    const Assumption truth{{38.0, 70.0}, {}}, other{{60.0, 60.0}, {}};
+    Posed posed(body);
+    Problem& problem = posed.problem;
+    const Assumption truth{kSupports, {}}, other{{60.0, 60.0}, {}};
     Eigen::VectorXd trajectory;
-    ASSERT_TRUE(simulator.simulate(other, trajectory));
-    const double far = static_cast<double>(recording.fit_rows.size()) * 0.05 * 0.05 / (3e-4 * 3e-4);
+    ASSERT_TRUE(posed.simulator.simulate(other, trajectory));
+    const double far = static_cast<double>(posed.recording.fit_rows.size()) * 0.05 * 0.05 / (kNoise * kNoise);
     EXPECT_NEAR(problem.fit(truth, 0).misfit, far, 1e-6 * far);
-    ASSERT_TRUE(simulator.simulate(other, trajectory));
+    ASSERT_TRUE(posed.simulator.simulate(other, trajectory));
     EXPECT_LT(fit_from_whole(problem, truth, 0).misfit, 1e-6);
     body.converges = false;
     EXPECT_FALSE(fit_from_whole(problem, truth, 0).usable);
@@ -44,16 +59,12 @@ TEST(CauseFit, BeginsWithItsOwnCourse) {
 // course does.
 TEST(CauseFit, IsSettledOnItsOwnCourse) {
     test::ToyBody body;
-    const EffectTable effects(body, nullptr, {});
-    const std::vector<double> observed = body.motion({std::vector<double>{38.0, 70.0}, {}});
-    Recording recording = *make_recording({"toy", &body, nullptr, observed, kNoise, 1});
-    Simulator simulator(body, nullptr, effects);
-    const DiagnosisOptions options;
-    Problem problem{simulator, recording, options, {}, white(recording)};
-    problem.floor.noise = static_cast<double>(recording.fit_rows.size());
+    Posed posed(body);
+    Problem& problem = posed.problem;
+    problem.floor.noise = static_cast<double>(posed.recording.fit_rows.size());
     Cause cause;
-    cause.entries = {effects.find("gravity")};
-    const Assumption elsewhere{{45.0, 60.0}, {effects.candidate(cause.entries[0], 0)}};
+    cause.entries = {posed.effects.find("gravity")};
+    const Assumption elsewhere{{45.0, 60.0}, {posed.effects.candidate(cause.entries[0], 0)}};
     const Fit real = fit_from_whole(problem, elsewhere, 0);
     cause.fit = real;
     cause.fit.misfit = 0.1 * real.misfit;
@@ -66,17 +77,13 @@ TEST(CauseFit, IsSettledOnItsOwnCourse) {
 // 0.1) where what is beside goes down with the rest, and ln (5 + 1) 0.1 where nothing need be left there.
 TEST(CauseFit, IsHopelessByWhatItLeavesInsideAndBesideTheMotion) {
     test::ToyBody body;
-    const EffectTable effects(body, nullptr, {});
-    const std::vector<double> observed = body.motion({std::vector<double>{38.0, 70.0}, {}});
-    Recording recording = *make_recording({"toy", &body, nullptr, observed, kNoise, 1});
-    Simulator simulator(body, nullptr, effects);
-    const DiagnosisOptions options;
-    Problem problem{simulator, recording, options, {}, white(recording)};
+    Posed posed(body);
+    Problem& problem = posed.problem;
     problem.floor = {.noise = 0.0, .model = 1.0, .noise_beside = 0.0, .model_beside = 0.1};
-    const std::size_t channels = 3 * recording.num_markers;
-    problem.span = std::make_shared<const MotionSpan>(Eigen::VectorXd::Zero(recording.observed.size()), channels,
-                                                      recording.fit_rows);
-    const auto rows = static_cast<Eigen::Index>(recording.fit_rows.size());
+    const std::size_t channels = 3 * posed.recording.num_markers;
+    problem.span = std::make_shared<const MotionSpan>(Eigen::VectorXd::Zero(posed.recording.observed.size()), channels,
+                                                      posed.recording.fit_rows);
+    const auto rows = static_cast<Eigen::Index>(posed.recording.fit_rows.size());
     Eigen::VectorXd residual = Eigen::VectorXd::Constant(rows, std::sqrt(8.0 / static_cast<double>(rows)));
     residual(0) += 1.0;  // up in the first frame, down in the next
     residual(static_cast<Eigen::Index>(channels)) -= 1.0;
@@ -100,17 +107,12 @@ TEST(CauseFit, IsHopelessByWhatItLeavesInsideAndBesideTheMotion) {
 TEST(CauseFit, BeginsNoFurtherOffThanWithoutTheEffect) {
     test::ToyBody body;
     body.holds_up_to_n = 1.0;
-    const std::vector<double> theta{38.0, 70.0}, pull{0.3, 0.3, 0.3, 0.06, 0.05, 3.0};
-    const std::vector<EffectInstance> effects_on{{test::ToyBody::kUnknownLoad, pull}};
-    const EffectTable effects(body, nullptr, {});
-    const std::vector<double> observed = body.motion({theta, effects_on});
-    Recording recording = *make_recording({"toy", &body, nullptr, observed, kNoise, 1});
-    Simulator simulator(body, nullptr, effects);
-    const DiagnosisOptions options;
-    Problem problem{simulator, recording, options, {}, white(recording)};
-    const Fit nominal = problem.fit({theta, {}}, 0);
+    const std::vector<double> pull{0.3, 0.3, 0.3, 0.06, 0.05, 3.0};
+    Posed posed(body, {{test::ToyBody::kUnknownLoad, pull}});
+    Problem& problem = posed.problem;
+    const Fit nominal = problem.fit({kSupports, {}}, 0);
     EffectScreening asked;
-    asked.entry = effects.find("unknown_load");
+    asked.entry = posed.effects.find("unknown_load");
     asked.start = {asked.entry, {2.4, 2.4, 2.4, 0.06, 0.05, 3.0}};
     const Cause found = refit(problem, nominal, nullptr, asked, 8);
     ASSERT_TRUE(found.fit.usable);
