@@ -67,7 +67,7 @@ void halve(const EffectEntry& entry, ActiveEffect& effect) {
 void settle_instant(Problem& problem, Fit& fit, int iterations) {
     for (int round = 0; round < kInstantRounds; ++round) {
         if (!fit.usable || problem.hopeless(fit) || problem.out_of_time()) return;
-        const auto moved = at_best_instant(problem, fit.at);
+        const auto moved = at_best_instant(problem, fit.at, fit.trajectory);
         if (!moved || moved->left > kMoved * fit.misfit) return;
         Fit again = fit_from_whole(problem, moved->at, iterations);
         if (!again.usable || again.cost >= fit.cost) return;
@@ -226,6 +226,32 @@ Fit fit_from_whole(Problem& problem, const Assumption& start, int iterations) {
     Eigen::VectorXd trajectory;
     if (!problem.simulator.mechanics().dynamic() && !problem.simulator.simulate(start, trajectory)) return {};
     return problem.fit(start, iterations);
+}
+
+Fit fit_from_full_size(Problem& problem, const Assumption& start, int iterations) {
+    Fit fit = fit_from_whole(problem, start, iterations);
+    settle_instant(problem, fit, iterations);
+    if (fit.usable && !problem.hopeless(fit))
+        improve_shapes(problem.simulator, problem.whitener, problem.recording.observed, fit);
+    return fit;
+}
+
+bool at_full_size(const Problem& problem, const EffectEntry& entry) {
+    return entry.tears() && !problem.simulator.mechanics().dynamic();
+}
+
+Cause refit_torn(Problem& problem, const Fit& nominal, const EffectScreening& added, int iterations) {
+    const std::vector<double> theta = prior_median(problem.simulator.mechanics()).theta;
+    const std::vector<StrongStart> starts =
+        best_strong_starts(problem, trial_frames(problem.recording.first_held_frame),
+                           strong_starts(problem.simulator.effects(), added, theta), 1);
+    if (starts.empty()) return refit(problem, nominal, nullptr, added, iterations);
+    Cause cause;
+    cause.entries = {added.entry};
+    cause.search_cost = added.search_cost;
+    cause.fit = fit_from_full_size(problem, starts.front().at, iterations);
+    problem.look_ahead(cause.fit);
+    return cause;
 }
 
 Cause fitted_from(Problem& problem, const Fit& nominal, Cause cause, const Assumption& start, int iterations) {

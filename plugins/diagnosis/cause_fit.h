@@ -21,10 +21,20 @@ struct Base {
 /// One more effect on top of what is known (null: of the nominal fit), refitted with everything free.
 Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const EffectScreening& added, int iterations);
 
+/// Whether an effect alone is fitted from where it acts at full size: a tear of a static recording.
+bool at_full_size(const Problem& problem, const EffectEntry& entry);
+
+/// The same of a tear alone, from where it leaves the least at full size: how far it reaches and when it happens are
+/// not seen by first order. From first order where no body holds so.
+Cause refit_torn(Problem& problem, const Fit& nominal, const EffectScreening& added, int iterations);
+
 /// A fit that begins with every frame of a static recording solved, one after the other: a body may have several
 /// equilibria, and the one that another hypothesis leads to need not be that of its course. Not usable if that does not
 /// converge.
 Fit fit_from_whole(Problem& problem, const Assumption& start, int iterations);
+
+/// The same from where an effect acts at full size, about the instant and the shape that leave the least.
+Fit fit_from_full_size(Problem& problem, const Assumption& start, int iterations);
 
 /// A cause (its effects and their search cost) fitted and scored from given values.
 Cause fitted_from(Problem& problem, const Fit& nominal, Cause cause, const Assumption& start, int iterations);

@@ -280,8 +280,10 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
     };
     bool again = searched_again();
     if (!again) {
+        const bool looked = look_for_tears(problem, nominal, out.screening, causes);
         finish(problem, nominal, nullptr, out.screening, causes);
-        look_for_tears(problem, nominal, out.screening, causes);
+        if (!looked && look_for_tears(problem, nominal, out.screening, causes))
+            finish(problem, nominal, nullptr, out.screening, causes);
         again = searched_again();
     }
     out.confusability = confusability(out.screening, nominal.J);

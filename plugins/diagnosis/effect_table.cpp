@@ -21,8 +21,7 @@ bool EffectEntry::local_support() const {
 }
 
 bool EffectEntry::rough_form() const {
-    const bool parted = info.event && std::string_view(info.kind) == "mechanics";
-    return (support() || parted) && has_place(*this);
+    return (support() || parts()) && has_place(*this);
 }
 
 bool EffectEntry::exact_form() const {

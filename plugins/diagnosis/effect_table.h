@@ -26,6 +26,10 @@ struct EffectEntry {
     /// ... at a place of its own, from the beginning: an adhesion, a contact, a slack ligament. Where each of its
     /// points begins to hold is not known; what lets go at an instant or moves as a whole changes by degrees.
     bool local_support() const;
+    /// A support that lets go at some time.
+    bool tears() const { return support() && info.event; }
+    /// A body that is parted at some time.
+    bool parts() const { return info.event && std::string_view(info.kind) == "mechanics"; }
     /// Holds, lets go or is parted at a place of its own: what really does differs from the catalogue's smooth form.
     bool rough_form() const;
     /// Nothing of its form could differ from the catalogue's: a load that has neither place nor course of its own

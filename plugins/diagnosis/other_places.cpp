@@ -134,6 +134,7 @@ void try_other_places(Problem& problem, const Fit& nominal, const Base* base, co
                                        [&](const auto& e) { return e.entry == cause.entries.back(); });
     if (!cause.fit.usable || screened == screening.effects.end() || screened->places.empty()) return;
     const EffectEntry& entry = problem.simulator.effects()[screened->entry];
+    if (base == nullptr && at_full_size(problem, entry)) return;  // so were all places tried before it was fitted
     const ActiveEffect fitted = cause.fit.at.effects.back();
     const double apart = apart_m(screened->places);
     const auto found = centre_of(entry, fitted), begun = centre_of(entry, screened->start);

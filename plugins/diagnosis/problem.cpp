@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "plugins/diagnosis/share_work.h"
 
@@ -51,7 +52,9 @@ void side_by_side(Problem& problem, std::size_t count, const std::function<void(
         return;
     }
     const Sharing apart(problem.simulator.mechanics(), false);
-    share_work(true, count, [&](std::size_t who, std::size_t k) { work(who == 0 ? problem : *problem.beside, k); });
+    Problem* const other = std::exchange(problem.beside, nullptr);  // taken: work within this has one thread
+    share_work(true, count, [&](std::size_t who, std::size_t k) { work(who == 0 ? problem : *other, k); });
+    problem.beside = other;
 }
 
 Fit nominal_fit(Problem& problem, const Assumption& start) {

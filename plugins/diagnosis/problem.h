@@ -72,8 +72,8 @@ struct Problem {
     bool hopeless(const Eigen::VectorXd& residual, double misfit) const {
         if (misfit >= reach.misfit) return true;
         if (!std::isfinite(reach.log_above)) return false;
-        const double beside = reach.any_course ? 0.0 : beside_span(residual);
-        const Left ahead = reach.any_course ? Left(misfit) : floor.scaled({residual.squaredNorm(), beside}, misfit);
+        const Left ahead =
+            reach.any_course ? Left(misfit) : floor.scaled({residual.squaredNorm(), beside_span(residual)}, misfit);
         return floor.log_above(ahead) >= reach.log_above;
     }
     bool hopeless(const Fit& fit) const { return hopeless(fit.residual, fit.misfit); }

@@ -50,11 +50,17 @@ std::vector<Cause> fit_chosen(Problem& problem, const Fit& nominal, const Base* 
         const double lead = as_screened(*best) - (known != nullptr ? as_screened(*known) : 0.0) - next.score;
         return lead > 2.0 * kOutOfReach || (lead > kOutOfReach && problem.floor.explains(left_of(best->fit)));
     };
+    // A tear's start does not depend on what is held out.
+    const auto fitted_at_best = [&](const EffectScreening& next) {
+        return known == nullptr && at_full_size(problem, problem.simulator.effects()[next.entry]) &&
+               fitted_alone(causes, next.entry) != nullptr;
+    };
     for (std::size_t next = 0; next < chosen.size();) {
         std::vector<const EffectScreening*> pair;
-        for (; next < chosen.size() && pair.size() < 2; ++next)
-            if (next < always || causes.empty() || (!problem.out_of_time() && !settled(chosen[next])))
-                pair.push_back(&chosen[next]);
+        for (; next < chosen.size() && pair.size() < 2; ++next) {
+            const bool worth_it = next < always || causes.empty() || (!problem.out_of_time() && !settled(chosen[next]));
+            if (worth_it && !fitted_at_best(chosen[next])) pair.push_back(&chosen[next]);
+        }
         for (Cause& cause : fit_beside(problem, nominal, base, causes, pair, iterations))
             keep_better(causes, std::move(cause));
         report(static_cast<double>(next) / static_cast<double>(chosen.size()));

@@ -18,10 +18,10 @@ inline std::size_t beginning_of(const Recording& recording) {
 std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base, Screening& screening,
                           const Cause* before = nullptr);
 
-/// A body that is parted at some time (`cut`) may hang on a ligament that let go then, and how far a tear reaches is
-/// not seen by first order: where a cut is ahead, or a tear that leaves more than the model may be off by, tears get
-/// fits that start at full size.
-void look_for_tears(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes);
+/// A body that is parted at some time (`cut`) may hang on a ligament that let go then: where a cut is ahead, tears get
+/// fits from further starts at full size; whether they did. What was fitted need not be finished yet: a cut that will
+/// not stand is not worth it.
+bool look_for_tears(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes);
 
 /// Before several effects are named, supports among them (contact, slackness) get a fit that starts at full size;
 /// before `unknown` is said, all of them (a tear too), and, unless a single effect explains nearly everything, effects

@@ -70,7 +70,9 @@ std::vector<Cause> fit_beside(Problem& problem, const Fit& nominal, const Base* 
         const double search_cost = (known != nullptr ? known->search_cost : 0.0) + added[k]->search_cost;
         const EffectEntry& entry = p.simulator.effects()[added[k]->entry];
         const GivenUpBeyond bound(p, reach_of_best(p, nominal, known_so_far, entry, search_cost));
-        fitted[k] = refit(p, nominal, known, *added[k], iterations);
+        const bool torn = known == nullptr && at_full_size(p, entry);
+        fitted[k] =
+            torn ? refit_torn(p, nominal, *added[k], iterations) : refit(p, nominal, known, *added[k], iterations);
         score(p, nominal, base, fitted[k]);
     });
     return fitted;

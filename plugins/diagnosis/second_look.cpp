@@ -4,7 +4,6 @@
 #include <string_view>
 
 #include "plugins/diagnosis/search_steps.h"
-#include "plugins/diagnosis/shape_search.h"
 #include "plugins/diagnosis/strong_start.h"
 
 namespace teres {
@@ -20,13 +19,9 @@ bool may_be_support(const EffectEntry& entry) {
 
 // The same cause from where its effect acts at full size, if that is nearer than where first order leads.
 void refit_strongly(Problem& problem, const Fit& nominal, const StrongStart& start, Cause& cause) {
-    Eigen::VectorXd trajectory;
-    if (!problem.simulator.simulate(start.at, trajectory)) return;  // the base of what follows
     Cause other = cause;
-    other.fit = problem.fit(start.at, kRefitIterations);
-    settle_instant(problem, other.fit, kRefitIterations);
+    other.fit = fit_from_full_size(problem, start.at, kRefitIterations);
     if (!other.fit.usable || (cause.fit.usable && other.fit.cost >= cause.fit.cost)) return;
-    improve_shapes(problem.simulator, problem.whitener, problem.recording.observed, other.fit);
     cause = std::move(other);
     score(problem, nominal, nullptr, cause);
 }
@@ -103,23 +98,20 @@ void fit_at_full_size(Problem& problem, const Fit& nominal, const std::vector<co
 
 }  // namespace
 
-void look_for_tears(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes) {
+bool look_for_tears(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes) {
     const EffectTable& effects = problem.simulator.effects();
-    if (causes.empty()) return;
+    if (causes.empty()) return false;
     sort_by_score(causes);
     const Cause& best = causes.front();
-    if (!best.fit.usable || best.entries.size() > 1 || problem.simulator.mechanics().dynamic() || problem.out_of_time())
-        return;
-    const EffectEntry& named = effects[best.entries[0]];
-    if (!named.info.event || named.sensor || (named.support() && problem.floor.explains(left_of(best.fit)))) return;
+    if (!best.fit.usable || best.entries.size() > 1 || !effects[best.entries[0]].parts() ||
+        problem.simulator.mechanics().dynamic() || problem.out_of_time())
+        return false;
     std::vector<const EffectScreening*> tears;
     for (const EffectScreening& effect : screening.effects)
-        if (effects[effect.entry].support() && effects[effect.entry].info.event) tears.push_back(&effect);
-    if (tears.empty()) return;
-    const double best_before = best.score;
+        if (effects[effect.entry].tears()) tears.push_back(&effect);
+    if (tears.empty()) return false;
     fit_at_full_size(problem, nominal, tears, false, stage(problem.options, "looking for a tear"), causes);
-    sort_by_score(causes);
-    if (causes.front().score > best_before) finish(problem, nominal, nullptr, screening, causes);
+    return true;
 }
 
 bool look_again(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes) {

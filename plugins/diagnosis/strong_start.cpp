@@ -13,7 +13,6 @@ constexpr std::size_t kFewPlaces = 9, kBestPlaces = 3;
 constexpr std::array kSizes{1.0, 3.0};  // of a candidate
 constexpr std::size_t kTrialFrames = 10;
 constexpr std::size_t kFewFrames = 3, kTriedFully = 4;  // starts that look best at a few frames go on to all of them
-constexpr std::size_t kOfEvent = 5;  // fitted: before the ligaments are, the best start of an event does not stand out
 
 // The candidate's amplitudes times `size`, each to the side of null on which `start` lies.
 ActiveEffect grown(const EffectEntry& entry, const ActiveEffect& candidate, const ActiveEffect& start, double size) {
@@ -26,6 +25,17 @@ ActiveEffect grown(const EffectEntry& entry, const ActiveEffect& candidate, cons
         out.values[p] = std::clamp(at_share(parameter, full, signed_size), parameter.lower, parameter.upper);
     }
     return out;
+}
+
+// Whether an amplitude is at a bound: no larger size is to be tried, and one as large says more than a smaller one.
+bool at_bound(const EffectEntry& entry, const ActiveEffect& effect) {
+    for (std::size_t p = 0; p < effect.values.size(); ++p) {
+        const EffectParameter& parameter = entry.parameters[p];
+        const double value = effect.values[p];
+        if (parameter.role == EffectRole::kAmplitude && (value <= parameter.lower || value >= parameter.upper))
+            return true;
+    }
+    return false;
 }
 
 // The last of each of `count` equal parts of what is before `end`.
@@ -72,6 +82,43 @@ class AroundEvent {
     /// The body before it; to be called for the same frames before best_instant() and from one thread.
     bool simulate_before(std::span<const std::int32_t> frames) {
         return !at_ || problem_.simulator.simulate_at(without_, frames, before_);
+    }
+    /// The body after it at `frames`, and before it as simulate_before() does: where `fitted`, whose trajectory is
+    /// given, is at one of the two, only the other is simulated.
+    std::optional<Eigen::VectorXd> simulate_others(const Assumption& fitted, const Eigen::VectorXd& trajectory,
+                                                   const std::vector<std::int32_t>& frames) {
+        const ActiveEffect& event = fitted.effects.back();
+        const double onset_s = event.values[at_->onset], end_s = onset_s + event.values[at_->duration];
+        const std::vector<double>& times_s = problem_.simulator.times_s();
+        const auto first_from = [&](double time_s) {
+            return std::partition_point(frames.begin(), frames.end(),
+                                        [&](std::int32_t f) { return times_s[static_cast<std::size_t>(f)] < time_s; });
+        };
+        const std::span<const std::int32_t> later(first_from(onset_s), frames.end()),
+            earlier(frames.begin(), first_from(end_s));
+        Eigen::VectorXd after, simulated;
+        const auto simulate = [&](const Assumption& at, std::span<const std::int32_t> missing, Eigen::VectorXd& out) {
+            out = trajectory;
+            if (missing.empty()) return true;
+            if (!problem_.simulator.simulate_at(at, missing, simulated)) return false;
+            const auto channels = static_cast<Eigen::Index>(3 * problem_.recording.num_markers);
+            for (const std::int32_t f : missing)
+                out.segment(channels * f, channels) = simulated.segment(channels * f, channels);
+            return true;
+        };
+        if (!simulate(without_, later, before_) || !simulate(this->after(fitted), earlier, after)) return {};
+        return after;
+    }
+    /// Of `frames` those to be simulated with it: it does not happen before the first.
+    std::span<const std::int32_t> after_some(std::span<const std::int32_t> frames) const {
+        return at_ ? frames.subspan(1) : frames;
+    }
+    /// The first of `frames` and the one at which the body before it is furthest off; simulate_before() of them.
+    std::vector<std::int32_t> furthest_off(const Problem& problem, std::span<const std::int32_t> frames) const {
+        const auto left = [&](std::int32_t f) { return left_at(problem, {&f, 1}, before_); };
+        const auto later = frames.subspan(1);
+        return {frames.front(), *std::max_element(later.begin(), later.end(),
+                                                  [&](std::int32_t a, std::int32_t b) { return left(a) < left(b); })};
     }
     /// `start` as it is to be simulated: what has an instant, from the beginning.
     Assumption after(Assumption start) const {
@@ -139,7 +186,12 @@ std::vector<Assumption> strong_starts(const EffectTable& effects, const EffectSc
         const double onset = effects.candidate(screened.entry, 0).values[at->onset];
         for (std::size_t c = 0; c < static_cast<std::size_t>(entry.info.num_candidates); ++c) {
             const ActiveEffect full = effects.candidate(screened.entry, c);
-            if (full.values[at->onset] == onset) add(c, full);
+            if (full.values[at->onset] != onset) continue;
+            const ActiveEffect most = grown(entry, full, full, kSizes.back());
+            if (at_bound(entry, most))
+                starts.push_back({theta, {most}});
+            else
+                add(c, full);
         }
         return starts;
     }
@@ -163,7 +215,7 @@ double left_at(const Problem& problem, std::span<const std::int32_t> frames, con
 }
 
 std::vector<StrongStart> best_strong_starts(Problem& problem, std::span<const std::int32_t> frames,
-                                            const std::vector<Assumption>& starts) {
+                                            const std::vector<Assumption>& starts, std::size_t most) {
     AroundEvent event(problem, starts);
     std::vector<AroundEvent::Best> found(starts.size());
     const auto try_at = [&](std::span<const std::int32_t> which, const std::vector<std::size_t>& tried) {
@@ -172,7 +224,7 @@ std::vector<StrongStart> best_strong_starts(Problem& problem, std::span<const st
         side_by_side(problem, tried.size(), [&](Problem& p, std::size_t k) {
             Eigen::VectorXd trajectory;
             const std::size_t start = tried[k];
-            if (p.simulator.simulate_at(event.after(starts[start]), which, trajectory))
+            if (p.simulator.simulate_at(event.after(starts[start]), event.after_some(which), trajectory))
                 found[start] = event.best_instant(p, which, trajectory);
         });
     };
@@ -183,23 +235,27 @@ std::vector<StrongStart> best_strong_starts(Problem& problem, std::span<const st
                          [&](std::size_t a, std::size_t b) { return found[a].left < found[b].left; });
         order.resize(std::min(order.size(), count));
     };
-    const std::size_t wanted = event.has_instant() ? kOfEvent : 1, fully = std::max(kTriedFully, 2 * wanted);
-    if (starts.size() > fully && frames.size() > kFewFrames) {
+    const std::size_t wanted = event.has_instant() ? most : 1, fully = std::max(kTriedFully, 2 * wanted);
+    // Frame by frame a body follows in small steps: many of them cost an event hardly more than a few far apart.
+    std::vector<std::int32_t> all(static_cast<std::size_t>(frames.back()) + 1);
+    std::iota(all.begin(), all.end(), 0);
+    if (event.has_instant()) {
+        if (starts.size() > fully && event.simulate_before(frames)) {
+            try_at(event.furthest_off(problem, frames), order);
+            keep_best(fully);
+        }
+    } else if (starts.size() > fully && frames.size() > kFewFrames) {
         std::vector<std::int32_t> few = evenly(kFewFrames, frames.size());
         for (std::int32_t& f : few) f = frames[static_cast<std::size_t>(f)];
         try_at(few, order);
         keep_best(fully);
     }
-    try_at(frames, order);
+    try_at(event.has_instant() ? all : frames, order);
     keep_best(wanted);
     std::erase_if(order, [&](std::size_t k) { return !std::isfinite(found[k].left); });
     std::vector<StrongStart> best;
     best.reserve(order.size());
     for (const std::size_t k : order) best.push_back({starts[k], found[k].left});
-    if (!event.has_instant() || order.empty()) return best;
-    std::vector<std::int32_t> all(static_cast<std::size_t>(frames.back()) + 1);  // its instant to the frame
-    std::iota(all.begin(), all.end(), 0);
-    try_at(all, order);
     for (std::size_t k = 0; k < order.size(); ++k)
         if (const auto next = static_cast<std::int32_t>(found[order[k]].first_after); next > 0)
             best[k].at = event.between(best[k].at, next - 1, next);
@@ -212,15 +268,16 @@ ActiveEffect with_instant_of(const EffectEntry& entry, ActiveEffect to, const Ac
     return to;
 }
 
-std::optional<StrongStart> at_best_instant(Problem& problem, const Assumption& fitted) {
+std::optional<StrongStart> at_best_instant(Problem& problem, const Assumption& fitted,
+                                           const Eigen::VectorXd& trajectory) {
     AroundEvent event(problem, {fitted});
     if (!event.has_instant()) return {};
     std::vector<std::int32_t> all(problem.recording.first_held_frame);
     if (all.size() < 2) return {};
     std::iota(all.begin(), all.end(), 0);
-    Eigen::VectorXd trajectory;
-    if (!event.simulate_before(all) || !problem.simulator.simulate_at(event.after(fitted), all, trajectory)) return {};
-    const AroundEvent::Best best = event.best_instant(problem, all, trajectory);
+    const auto after = event.simulate_others(fitted, trajectory, all);
+    if (!after) return {};
+    const AroundEvent::Best best = event.best_instant(problem, all, *after);
     const auto next = static_cast<std::int32_t>(best.first_after);
     return StrongStart{event.between(fitted, next - 1, next), best.left};
 }

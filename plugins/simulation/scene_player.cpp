@@ -196,7 +196,7 @@ ScenePlayer::StepResult ScenePlayer::rest_at(double t_s, const KnownLoads& loads
 
 TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
                                    std::span<const std::int32_t> frames, const Visitor& visit, const Guess& guess,
-                                   std::size_t horizon, SubspaceSolver* subspace) {
+                                   std::size_t horizon, SubspaceSolver* subspace, bool all) {
     TERES_CHECK(h.theta.size() == model_->num_parameters());
     const std::size_t dofs = 3 * model_->num_nodes();
     const bool dynamic = scene_->dynamic;
@@ -244,7 +244,7 @@ TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::u
         ++report.frames;
         failed += !converged;
         in_a_row = converged ? 0 : in_a_row + 1;
-        if (in_a_row > settings_.most_failed_in_a_row ||
+        if ((all && failed > 0) || in_a_row > settings_.most_failed_in_a_row ||
             static_cast<double>(failed) > 1.0 + settings_.most_failed_share * static_cast<double>(num_wanted)) {
             report.frames = static_cast<std::int32_t>(num_wanted);
             return report;
@@ -257,7 +257,7 @@ TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::u
 
 TrajectoryReport ScenePlayer::play_markers(const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
                                            std::span<const std::int32_t> frames, std::span<double> markers_m,
-                                           std::span<double> points_m, const Guess& guess) {
+                                           std::span<double> points_m, const Guess& guess, bool all) {
     const std::size_t row = 3 * model_->num_markers(), dofs = 3 * model_->num_nodes(),
                       points = 3 * model_->num_points();
     TERES_CHECK(markers_m.size() == frames.size() * row);
@@ -270,7 +270,7 @@ TrajectoryReport ScenePlayer::play_markers(const Hypothesis& h, const std::vecto
         if (!points_m.empty()) model_->predict_points(whole, points_m.subspan(k * points, points));
         ++k;
     };
-    return play(h, effects, frames, see, guess);
+    return play(h, effects, frames, see, guess, 0, nullptr, all);
 }
 
 }  // namespace teres

@@ -59,15 +59,16 @@ class ScenePlayer {
     /// Plays all frames in order; `visit` sees those listed in `frames` (ascending; empty: all). guess(frame,
     /// x) may improve the start value of a quasi-static frame. A quasi-static body without memory skips other
     /// frames. horizon: frames from there on are left out; 0: none.
-    /// subspace: of a dynamic body's motion; null: all of the mesh moves.
+    /// subspace: of a dynamic body's motion; null: all of the mesh moves. all: given up at the first wanted frame that
+    /// does not converge.
     TrajectoryReport play(const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
                           std::span<const std::int32_t> frames, const Visitor& visit, const Guess& guess = {},
-                          std::size_t horizon = 0, SubspaceSolver* subspace = nullptr);
+                          std::size_t horizon = 0, SubspaceSolver* subspace = nullptr, bool all = false);
     /// play() as the markers see it: 3 per marker [m] at each of the listed frames; points_m: 3 per validation point or
     /// nothing.
     TrajectoryReport play_markers(const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
                                   std::span<const std::int32_t> frames, std::span<double> markers_m,
-                                  std::span<double> points_m, const Guess& guess = {});
+                                  std::span<double> points_m, const Guess& guess = {}, bool all = false);
 
   private:
     ScenePlayer() = default;

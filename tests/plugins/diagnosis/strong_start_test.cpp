@@ -4,10 +4,15 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <memory>
 #include <numeric>
+#include <set>
 
 #include "plugins/diagnosis/cause_fit.h"
+#include "plugins/simulation/trajectory.h"
+#include "tests/support/synthetic_case.h"
 #include "tests/support/toy_body.h"
+#include "tests/support/white.h"
 
 namespace teres {
 namespace {
@@ -170,21 +175,30 @@ struct SuddenLoad {
 TEST(StrongStart, AnEventIsPutBetweenTheFramesWhereItHappens) {
     SuddenLoad tool;
     Problem problem = tool.problem();
-    const auto moved = at_best_instant(problem, tool.at(2.3, 1.5));
+    const auto from = [&](const Assumption& fitted) {
+        Eigen::VectorXd trajectory;
+        EXPECT_TRUE(tool.simulator.simulate(fitted, trajectory));
+        return at_best_instant(problem, fitted, trajectory);
+    };
+    const auto moved = from(tool.at(2.3, 1.5));
     ASSERT_TRUE(moved);
     const std::vector<double>& values = moved->at.effects[0].values;
     EXPECT_NEAR(values[5] + 0.5 * values[6], 7.3, 1e-12);
     EXPECT_NEAR(values[6], 1.5, 1e-12);
     EXPECT_LT(moved->left, 1e-12);
-    const std::vector<double> shorter = at_best_instant(problem, tool.at(2.3, 0.01))->at.effects[0].values;
+    const auto later = from(tool.at(10.3, 0.5));  // the frames before it serve as they are, those after it others
+    ASSERT_TRUE(later);
+    EXPECT_NEAR(later->at.effects[0].values[5] + 0.25, 7.3, 1e-12);
+    EXPECT_LT(later->left, 1e-12);
+    const std::vector<double> shorter = from(tool.at(2.3, 0.01))->at.effects[0].values;
     EXPECT_NEAR(shorter[5], 7.2, 1e-12);
     EXPECT_NEAR(shorter[6], 0.2, 1e-12) << "from frame to frame at least";
-    EXPECT_FALSE(at_best_instant(problem, {{38.0, 70.0}, {{tool.effects.find("stiffness"), {0.8}}}}));
+    EXPECT_FALSE(from({{38.0, 70.0}, {{tool.effects.find("stiffness"), {0.8}}}}));
     Assumption filmed = tool.at(2.3, 1.5);
     filmed.effects.insert(filmed.effects.begin(), tool.effects.candidate(tool.effects.find("registration"), 0));
-    EXPECT_FALSE(at_best_instant(problem, filmed)) << "frames alone do not show what the camera does";
+    EXPECT_FALSE(from(filmed)) << "frames alone do not show what the camera does";
     tool.body.inertia = true;
-    EXPECT_FALSE(at_best_instant(problem, tool.at(2.3, 1.5))) << "with inertia a frame depends on those before";
+    EXPECT_FALSE(from(tool.at(2.3, 1.5))) << "with inertia a frame depends on those before";
 }
 
 // Descent alone leaves an event far from its instant where it is.
@@ -222,6 +236,72 @@ TEST(StrongStart, AllExtentsOfAnEventAreTriedAtOneInstant) {
     ASSERT_EQ(best.size(), 3u);
     EXPECT_EQ(best[0].at.effects[0].values[0], 0.5);
     EXPECT_NEAR(best[0].at.effects[0].values[5] + 0.25, 7.3, 1e-12);
+}
+
+// A block that lies on ligaments at both ends, pulled sideways; the one at its far end lets go between two frames.
+struct TornBlock {
+    static Case block() {
+        Case c = test::clamped_block({.size_m = {0.10, 0.04, 0.04},
+                                      .cells = {8, 3, 3},
+                                      .law = BodyLaw::kNeoHookean,
+                                      .youngs_modulus_pa = 15e3,
+                                      .frames = 30,
+                                      .dt_s = 0.2,
+                                      .full_force_n = {0.02, 0.1, -0.1}});
+        c.ligament = LigamentData{LigamentLaw::kNeoHookean, 20e3, 0.45, 0.02, 0.04, 0.0};
+        for (std::size_t i = 0; i < c.mesh.nodes.size(); ++i)
+            if (const double x = c.mesh.nodes[i][0]; x == 0.0 || x == 0.10)
+                c.ligament_prior.push_back({static_cast<std::int32_t>(i), 0.7});
+        c.clamped.clear();
+        return c;
+    }
+    std::unique_ptr<Trajectory> mechanics = *Trajectory::make(block(), {});
+    EffectTable effects{*mechanics, nullptr, {}};
+    Simulator simulator{*mechanics, nullptr, effects};
+    DiagnosisOptions options;
+    Recording recording;
+    EffectScreening tear;
+
+    Assumption torn() const {
+        return {prior_median(*mechanics).theta, {{tear.entry, {0.95, 0.10, 0.02, 0.02, 0.03, 3.05, 0.1}}}};
+    }
+    TornBlock() {
+        tear.entry = effects.find("ligament_tear");
+        const ActiveEffect first = effects.candidate(tear.entry, 0);
+        tear.start = first;
+        tear.start.values[0] = 0.02;  // what first order asks for: next to nothing
+        tear.places.push_back({{first.values[1], first.values[2], first.values[3]}, 0.0, 0.0, tear.start, 0});
+        recording.num_markers = mechanics->num_markers();
+        recording.num_frames = recording.first_held_frame = mechanics->num_frames();
+        EXPECT_TRUE(simulator.simulate(torn(), recording.observed));
+    }
+};
+
+TEST(StrongStart, ATearBeginsWithAllThatCanBeLost) {
+    const TornBlock block;
+    const auto starts = strong_starts(block.effects, block.tear, block.torn().theta);
+    std::set<std::array<double, 4>> balls;
+    for (const Assumption& start : starts) {
+        const std::vector<double>& v = start.effects[0].values;
+        EXPECT_EQ(v[0], 0.999) << "several times a candidate's loss";
+        balls.insert({v[1], v[2], v[3], v[4]});
+    }
+    EXPECT_EQ(starts.size(), balls.size()) << "each place and extent once";
+    EXPECT_GE(starts.size(), 4u);
+}
+
+TEST(StrongStart, ATornLigamentIsFittedFromWhereItIsTorn) {
+    TornBlock block;
+    Problem problem{block.simulator, block.recording, block.options, {}, test::white(block.simulator, 3e-4)};
+    const Fit nominal = problem.fit(prior_median(*block.mechanics), 8);
+    const Cause cause = refit_torn(problem, nominal, block.tear, 8);
+    ASSERT_TRUE(cause.fit.usable);
+    EXPECT_EQ(cause.entries, std::vector<std::size_t>{block.tear.entry});
+    EXPECT_LT(cause.fit.misfit, 0.01 * nominal.misfit);
+    const std::vector<double>& found = cause.fit.at.effects[0].values;
+    EXPECT_NEAR(found[5] + 0.5 * found[6], 3.1, 0.1) << "in the gap between two frames";
+    EXPECT_NEAR(found[1], 0.10, 0.02);
+    EXPECT_GT(found[0], 0.8);
 }
 
 }  // namespace
