@@ -70,6 +70,7 @@ void fit_at_full_size(Problem& problem, const Fit& nominal, const std::vector<co
     const std::vector<double> theta = prior_median(problem.simulator.mechanics()).theta;
     std::vector<StrongStart> starts;
     std::vector<Cause> strong;  // one per start
+    report(0.0);
     for (std::size_t k = 0; k < supports.size() && !problem.out_of_time(); ++k) {
         const EffectScreening& support = *supports[k];
         const Cause* alone = fitted_alone(causes, support.entry);

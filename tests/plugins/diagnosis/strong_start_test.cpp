@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <memory>
 #include <numeric>
@@ -145,6 +146,23 @@ TEST(StrongStart, TwoModelsSayWhatOneSays) {
     EXPECT_EQ(alone[0].at.effects[0].values, both[0].at.effects[0].values);
     EXPECT_EQ(alone[0].left, both[0].left);
     EXPECT_EQ(other.body.simulations, 1) << "the second of three";
+}
+
+TEST(StrongStart, WorkWithinSharedWorkStaysWithItsModel) {
+    SoftPlate plate, other;
+    Problem problem = plate.problem(), beside = other.problem();
+    problem.beside = &beside;
+    std::array<std::array<const Problem*, 2>, 2> outer{}, inner{};
+    side_by_side(problem, 2, [&](Problem& p, std::size_t k) {
+        side_by_side(p, 2, [&](Problem& q, std::size_t j) {
+            outer[k][j] = &p;
+            inner[k][j] = &q;
+        });
+    });
+    EXPECT_EQ(outer[0][0], &problem);
+    EXPECT_EQ(outer[1][0], &beside);
+    EXPECT_EQ(inner, outer) << "the other thread is taken";
+    EXPECT_EQ(problem.beside, &beside);
 }
 
 // A tool that takes hold between frames 36 and 37, [7.2, 7.4] s, of a body whose load takes 0.1 s to rise.
