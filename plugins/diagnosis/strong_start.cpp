@@ -79,7 +79,8 @@ class AroundEvent {
         earliest_s_ = entry.parameters[at_->onset].lower;
         shortest_s_ = entry.parameters[at_->duration].lower;
     }
-    /// The body before it; to be called for the same frames before best_instant() and from one thread.
+    /// The body before it; to be called, for all frames that are asked for later, before best_instant() and from one
+    /// thread.
     bool simulate_before(std::span<const std::int32_t> frames) {
         return !at_ || problem_.simulator.simulate_at(without_, frames, before_);
     }
@@ -113,7 +114,7 @@ class AroundEvent {
     std::span<const std::int32_t> after_some(std::span<const std::int32_t> frames) const {
         return at_ ? frames.subspan(1) : frames;
     }
-    /// The first of `frames` and the one at which the body before it is furthest off; simulate_before() of them.
+    /// The first of `frames` and the one at which the body before it is furthest off.
     std::vector<std::int32_t> furthest_off(const Problem& problem, std::span<const std::int32_t> frames) const {
         const auto left = [&](std::int32_t f) { return left_at(problem, {&f, 1}, before_); };
         const auto later = frames.subspan(1);
@@ -220,7 +221,6 @@ std::vector<StrongStart> best_strong_starts(Problem& problem, std::span<const st
     std::vector<AroundEvent::Best> found(starts.size());
     const auto try_at = [&](std::span<const std::int32_t> which, const std::vector<std::size_t>& tried) {
         found.assign(starts.size(), {std::numeric_limits<double>::infinity(), 0});
-        if (!event.simulate_before(which)) return;
         side_by_side(problem, tried.size(), [&](Problem& p, std::size_t k) {
             Eigen::VectorXd trajectory;
             const std::size_t start = tried[k];
@@ -240,7 +240,8 @@ std::vector<StrongStart> best_strong_starts(Problem& problem, std::span<const st
     std::vector<std::int32_t> all(static_cast<std::size_t>(frames.back()) + 1);
     std::iota(all.begin(), all.end(), 0);
     if (event.has_instant()) {
-        if (starts.size() > fully && event.simulate_before(frames)) {
+        if (!event.simulate_before(all)) return {};
+        if (starts.size() > fully && frames.size() > 1) {
             try_at(event.furthest_off(problem, frames), order);
             keep_best(fully);
         }
