@@ -32,7 +32,7 @@ struct Calibration {
     /// ... but for what that pays for its scales, and for amplitudes beyond so many prior standard deviations each ...
     double unknown_amplitude = 2.0;
     /// ... and, where that consists of several effects, at most about what the dearest single ones cost [nats];
-    double unknown_price_most = 25.0;
+    double unknown_price_most = 32.0;
     /// and besides, because the catalogue holds what is likely [nats].
     double unknown_rarity = 1.0;
     double unknown_least() const { return unknown_price + unknown_rarity; }
@@ -48,8 +48,8 @@ struct Calibration {
     /// Share of what mechanical causes explain that remains because their real form is not quite the catalogue's: a
     /// further effect must explain more than that (besides form_columns.h), unless it is a sensor's.
     double form_error = 0.05;
-    /// ... of supports at a place of their own: where they begin to hold differs from point to point. What these, a
-    /// tear or a cut leave of that share is no evidence for `unknown` either.
+    /// ... of supports at a place of their own: where they begin to hold differs from point to point. Where one of them
+    /// or a cut comes first, what it leaves of that share is no evidence for `unknown` either.
     double form_error_local_support = 0.2;
     /// ... with inertia: modulus, damping and mass have the forms of the catalogue.
     double form_error_dynamic = 0.02;

@@ -21,7 +21,7 @@ bool EffectEntry::local_support() const {
 }
 
 bool EffectEntry::rough_form() const {
-    return (support() || parts()) && has_place(*this);
+    return local_support() || (parts() && has_place(*this));
 }
 
 bool EffectEntry::exact_form() const {

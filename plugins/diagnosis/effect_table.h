@@ -30,7 +30,8 @@ struct EffectEntry {
     bool tears() const { return support() && info.event; }
     /// A body that is parted at some time.
     bool parts() const { return info.event && std::string_view(info.kind) == "mechanics"; }
-    /// Holds, lets go or is parted at a place of its own: what really does differs from the catalogue's smooth form.
+    /// Holds or is parted at a place of its own: what really does differs from the catalogue's smooth form. What lets
+    /// go does not: it is fitted from where all of it is torn (refit_torn()).
     bool rough_form() const;
     /// Nothing of its form could differ from the catalogue's: a load that has neither place nor course of its own
     /// (weight, a gain of known forces), whose where and when are known, or a sensor's few and global numbers.

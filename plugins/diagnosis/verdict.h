@@ -59,7 +59,7 @@ struct Cause {
     std::optional<double> misfit_beside_forms{};
     /// Model part of the error floor in the state that the body is in under it, if it was asked for.
     std::optional<double> model_error{};
-    bool rough_form = false;  ///< of one of its effects (effect_table.h)
+    bool rough_form = false;  ///< of its first effect, which explains most (effect_table.h)
     Price price{};            ///< of a fitted cause
     double score = 0.0;
     double probability = 0.0;

@@ -27,7 +27,7 @@ class MovingAttachment final : public Effect {
             d_.parameters.push_back(amplitude(name, "m", EffectTransform::kIdentity, 0.0, 0.004, -0.04, 0.04));
         for (const char* name : {"cos2_x", "cos2_y", "cos2_z", "sin2_x", "sin2_y", "sin2_z"})
             d_.parameters.push_back(amplitude(name, "m", EffectTransform::kIdentity, 0.0, 0.0015, -0.02, 0.02));
-        d_.parameters.push_back(log_shape("frequency", "Hz", 0.25, 0.5, 0.02, 2.0));
+        d_.parameters.push_back(log_shape("frequency", "Hz", 0.25, 0.5, 0.1, 2.0));
         for (const char* name : {"tilt_x", "tilt_y", "tilt_z"})
             d_.parameters.push_back(shape(name, "1", 0.0, 0.7, -5.0, 5.0));
         d_.parameters.push_back(shape("rest_phase", "1", 0.0, 0.3, -1.0, 1.0));  // phi0 [periods]

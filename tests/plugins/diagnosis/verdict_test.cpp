@@ -55,7 +55,7 @@ TEST(Verdict, UnknownIsWorthWhatItGainsBesideFormsOfTheBest) {
     EXPECT_NEAR(lead_of_unknown(cause), alone - 22.5 * std::log(4.0 / 3.5), 1e-6);
     cause.misfit_beside_forms = 3.5;  // never more evidence
     EXPECT_NEAR(lead_of_unknown(cause), alone, 1e-6);
-    // A tear, a cut or a support is expected to leave a fifth of the 7 that it explains: 3 may be 1.6.
+    // A cut or a support is expected to leave a fifth of the 7 that it explains: 3 may be 1.6.
     cause.rough_form = true;
     EXPECT_NEAR(lead_of_unknown(cause), alone - 22.5 * std::log(4.0 / 2.6), 1e-6);
     cause.misfit_beside_forms = 1.5;  // the larger of both, not their sum
