@@ -241,10 +241,7 @@ bool at_full_size(const Problem& problem, const EffectEntry& entry) {
 }
 
 Cause refit_torn(Problem& problem, const Fit& nominal, const EffectScreening& added, int iterations) {
-    const std::vector<double> theta = prior_median(problem.simulator.mechanics()).theta;
-    const std::vector<StrongStart> starts =
-        best_strong_starts(problem, trial_frames(problem.recording.first_held_frame),
-                           strong_starts(problem.simulator.effects(), added, theta), 1);
+    const std::vector<StrongStart> starts = best_strong_starts(problem, added, 1);
     if (starts.empty()) return refit(problem, nominal, nullptr, added, iterations);
     Cause cause;
     cause.entries = {added.entry};

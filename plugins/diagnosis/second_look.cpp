@@ -67,15 +67,13 @@ void fit_at_full_size(Problem& problem, const Fit& nominal, const std::vector<co
                       bool at_once, const Simulator::Progress& report, std::vector<Cause>& causes) {
     const std::vector<std::int32_t> frames = trial_frames(problem.recording.first_held_frame);
     const double before = left_at(problem, frames, nominal.trajectory);
-    const std::vector<double> theta = prior_median(problem.simulator.mechanics()).theta;
     std::vector<StrongStart> starts;
     std::vector<Cause> strong;  // one per start
     report(0.0);
     for (std::size_t k = 0; k < supports.size() && !problem.out_of_time(); ++k) {
         const EffectScreening& support = *supports[k];
         const Cause* alone = fitted_alone(causes, support.entry);
-        for (StrongStart& start :
-             best_strong_starts(problem, frames, strong_starts(problem.simulator.effects(), support, theta))) {
+        for (StrongStart& start : best_strong_starts(problem, support)) {
             if (at_once && start.left >= before) continue;
             starts.push_back(std::move(start));
             strong.push_back(alone != nullptr ? *alone : Cause{});

@@ -263,6 +263,12 @@ std::vector<StrongStart> best_strong_starts(Problem& problem, std::span<const st
     return best;
 }
 
+std::vector<StrongStart> best_strong_starts(Problem& problem, const EffectScreening& screened, std::size_t most) {
+    const std::vector<double> theta = prior_median(problem.simulator.mechanics()).theta;
+    return best_strong_starts(problem, trial_frames(problem.recording.first_held_frame),
+                              strong_starts(problem.simulator.effects(), screened, theta), most);
+}
+
 ActiveEffect with_instant_of(const EffectEntry& entry, ActiveEffect to, const ActiveEffect& from) {
     if (const auto at = instant_of(entry))
         for (const std::size_t p : {at->onset, at->duration}) to.values[p] = from.values[p];

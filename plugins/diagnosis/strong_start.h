@@ -33,6 +33,8 @@ struct StrongStart {
 };
 std::vector<StrongStart> best_strong_starts(Problem& problem, std::span<const std::int32_t> frames,
                                             const std::vector<Assumption>& starts, std::size_t most = 5);
+/// Those of a screened effect from the median of the prior, at trial_frames() of what is fitted.
+std::vector<StrongStart> best_strong_starts(Problem& problem, const EffectScreening& screened, std::size_t most = 5);
 
 /// `to` at the instant of `from`, another of the same effect, if that has one.
 ActiveEffect with_instant_of(const EffectEntry& entry, ActiveEffect to, const ActiveEffect& from);
