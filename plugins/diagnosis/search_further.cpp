@@ -10,14 +10,16 @@ namespace teres {
 namespace {
 
 constexpr int kIterations = 6;
-constexpr double kFarBehind = 15.0;    // nats: no rival any more
-constexpr std::size_t kRivals = 4;     // of a set, that get what it gained
-constexpr double kMostAlone = 0.5;     // explained by a sensor effect that may be half of a pair
-constexpr double kHardlyLess = 0.9;    // of what is left without the second effect
-constexpr double kVeryMuch = 5.0;      // times what noise and model error explain
-constexpr double kFarFromPrior = 6.0;  // nats of every effect: a sensor beside one of usual size may cost less
-constexpr double kTrace = 0.1;         // prior standard deviations of every amplitude of an effect
-constexpr double kFormShare = 0.2;     // standard deviation of a form, share of the effect's motion
+constexpr double kFarBehind = 15.0;      // nats: no rival any more
+constexpr std::size_t kRivals = 4;       // of a set, with it, that get what it gained
+constexpr double kCloseBehind = 5.0;     // nats: hardly told apart, without inertia ...
+constexpr std::size_t kCloseRivals = 3;  // ... of these, with the set itself
+constexpr double kMostAlone = 0.5;       // explained by a sensor effect that may be half of a pair
+constexpr double kHardlyLess = 0.9;      // of what is left without the second effect
+constexpr double kVeryMuch = 5.0;        // times what noise and model error explain
+constexpr double kFarFromPrior = 6.0;    // nats of every effect: a sensor beside one of usual size may cost less
+constexpr double kTrace = 0.1;           // prior standard deviations of every amplitude of an effect
+constexpr double kFormShare = 0.2;       // standard deviation of a form, share of the effect's motion
 
 // The whitener in use, with columns for what the known effects may get wrong of their form.
 Whitener looser_whitener(Problem& problem, const Fit& known) {
@@ -97,16 +99,23 @@ bool same_effects(const Cause& cause, std::vector<std::size_t> entries) {
     return own == entries;
 }
 
-// With inertia a body that is loaded or held otherwise than the model moves quite differently, and which of several
-// sets looks best depends on what none of them has yet: `gifts` are tried with the best sets of so many effects.
-void give_to_rivals(Problem& problem, const Fit& nominal, const std::vector<EffectScreening>& gifts, std::size_t size,
-                    std::vector<Cause>& causes) {
+// Which sets get what one of them gained: so many at most, no more nats behind the best than that.
+struct Rivals {
+    std::size_t effects;  ///< of each set
+    std::size_t most;
+    double behind_nats;
+};
+
+// Which of several sets looks best depends on what none of them has yet, the more so with inertia, where a body that is
+// loaded or held otherwise than the model moves quite differently: `gifts` are tried with the best sets.
+void give_to_rivals(Problem& problem, const Fit& nominal, const std::vector<EffectScreening>& gifts,
+                    const Rivals& which, std::vector<Cause>& causes) {
     std::vector<const Cause*> rivals;
     for (const Cause& cause : causes)
-        if (cause.fit.usable && cause.entries.size() == size) rivals.push_back(&cause);
+        if (cause.fit.usable && cause.entries.size() == which.effects) rivals.push_back(&cause);
     std::sort(rivals.begin(), rivals.end(), [](const Cause* a, const Cause* b) { return a->score > b->score; });
-    std::erase_if(rivals, [&](const Cause* r) { return r->score < rivals.front()->score - kFarBehind; });
-    rivals.resize(std::min(rivals.size(), kRivals));
+    std::erase_if(rivals, [&](const Cause* r) { return r->score < rivals.front()->score - which.behind_nats; });
+    rivals.resize(std::min(rivals.size(), which.most));
     struct Trial {
         const Cause* known;
         const EffectScreening* added;
@@ -128,8 +137,10 @@ void give_to_rivals(Problem& problem, const Fit& nominal, const std::vector<Effe
         if (p.out_of_time()) return;
         larger[k] = refit(p, nominal, trials[k].known, *trials[k].added, kIterations);
         if (larger[k].fit.usable) settle(p, larger[k], kIterations);
+        if (!larger[k].fit.usable) return;
         const Fit& alone = trials[k].known->fit;
-        const Base base{*trials[k].known, p.whitener, alone, left_under(p, p.whitener, alone, nominal.u.size())};
+        const Whitener looser = looser_whitener(p, alone);
+        const Base base{*trials[k].known, looser, alone, left_under(p, looser, alone, nominal.u.size())};
         score(p, nominal, &base, larger[k]);
         if (&p == &problem) report(static_cast<double>(k + 1) / static_cast<double>(trials.size()));
     });
@@ -205,7 +216,7 @@ void search_with_inertia(Problem& problem, const Fit& nominal, const Cause& base
     const bool placed = centre_of(problem.simulator.effects()[first], best.fit.at.effects.front()).has_value();
     if (single && alone != nullptr && !placed && !given(first))
         gifts.push_back(taken_from(best, first, alone->search_cost));
-    give_to_rivals(problem, nominal, gifts, base.entries.size(), causes);
+    give_to_rivals(problem, nominal, gifts, {base.entries.size(), kRivals, kFarBehind}, causes);
 }
 
 // A body that moves in every direction may stand for two sensor effects at once, and then nothing is left to search on
@@ -301,6 +312,11 @@ bool search_further(Problem& problem, const Fit& nominal, const Screening& scree
     const std::optional<Cause> best =
         !larger.empty() && larger.front().fit.usable ? std::optional(larger.front()) : std::nullopt;
     if (best) add(causes, std::move(larger));
+    if (problem.out_of_time()) return ended();
+    if (best && base.entries.size() == 1 && best->score > base.score)
+        give_to_rivals(problem, nominal,
+                       {taken_from(*best, best->entries.back(), best->search_cost - base.search_cost)},
+                       {1, kCloseRivals, kCloseBehind}, causes);
     if (problem.out_of_time()) return ended();
     if (!after.made && !done && begins_otherwise())
         after = search_after_beginning(problem, nominal, *screening.of_beginning, false, causes);

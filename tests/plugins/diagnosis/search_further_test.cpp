@@ -103,6 +103,45 @@ TEST_F(SearchFurtherWithInertia, RivalsOfASingleEffectGetWhatItGained) {
               (std::vector<std::size_t>{modulus_, gravity_}));
 }
 
+// A softer, tilted plate without inertia: the law and the tilt leave no more than the model may be off, and the search
+// ends with them. The modulus alone is hardly behind the law alone and gets the tilt as well; what is far behind does
+// not.
+TEST_F(SearchFurther, WhatIsCloseBehindTheBestGetsWhatThatGained) {
+    const EffectTable effects(body_, nullptr, {});
+    const std::size_t modulus = effects.find("stiffness"), law = effects.find("material_law"),
+                      gravity = effects.find("gravity");
+    const std::vector<double> soft{0.6}, tilt{0.3, -0.2, 0.4};
+    body_.known_supports = true;
+    const std::vector<EffectInstance> truth{{Toy::kStiffness, soft}, {Toy::kGravity, tilt}};
+    pose(body_.motion({{}, truth}), effects, nullptr);
+    const auto fitted = [&](std::size_t entry, double score) {
+        Cause cause;
+        cause.entries = {entry};
+        cause = fitted_from(*problem_, nominal_, std::move(cause), {{}, {effects.candidate(entry, 0)}}, 8);
+        cause.score = score;
+        return cause;
+    };
+    problem_->floor = {count(), 1e-3 * nominal_.misfit};
+    Cause both;
+    both.entries = {law, gravity};
+    both = fitted_from(*problem_, nominal_, std::move(both),
+                       {{}, {effects.candidate(law, 0), effects.candidate(gravity, 0)}}, 8);
+    problem_->floor.model = 1.1 * both.fit.compared_cost();
+    for (const double behind : {1.0, 9.0}) {
+        std::vector<Cause> causes{fitted(law, 4.0), fitted(modulus, 4.0 - behind)};
+        Screening screening;
+        ASSERT_TRUE(search_further(*problem_, nominal_, screening, causes));
+        const auto found = std::find_if(causes.begin(), causes.end(), [&](const Cause& c) {
+            return c.entries == std::vector<std::size_t>{modulus, gravity};
+        });
+        ASSERT_EQ(found != causes.end(), behind < 5.0);
+        if (found != causes.end()) {
+            EXPECT_NEAR(found->fit.at.effects[0].values[0], 0.6, 0.03);
+            EXPECT_GT(found->score, 4.0);
+        }
+    }
+}
+
 // A plate in front of a shifted camera, and markers that slip; what a tilt leaves is less than the model's error.
 class SearchFurtherWithinFloor : public SearchFurther {
   protected:
