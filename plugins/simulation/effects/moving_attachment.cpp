@@ -5,7 +5,8 @@
 //
 // The second harmonic makes the flat end of expiration; Xm middle of the anchored nodes, L size of the body. At some
 // phase phi0 of its breath the body is where the nominal model has it, for there it was imaged: an offset that the
-// swing never passes is a registration or another support, not respiration.
+// swing never passes is a registration or another support, not respiration. Nor is what takes more than ten seconds a
+// turn: with its harmonics it could follow any drift.
 #include <cmath>
 #include <numbers>
 
