@@ -136,8 +136,8 @@ void give_to_rivals(Problem& problem, const Fit& nominal, const std::vector<Effe
     side_by_side(problem, trials.size(), [&](Problem& p, std::size_t k) {
         if (p.out_of_time()) return;
         larger[k] = refit(p, nominal, trials[k].known, *trials[k].added, kIterations);
-        if (larger[k].fit.usable) settle(p, larger[k], kIterations);
         if (!larger[k].fit.usable) return;
+        settle(p, larger[k], kIterations);
         const Fit& alone = trials[k].known->fit;
         const Whitener looser = looser_whitener(p, alone);
         const Base base{*trials[k].known, looser, alone, left_under(p, looser, alone, nominal.u.size())};
