@@ -9,9 +9,9 @@ namespace teres {
 
 /// Searches one effect more on top of the best of `causes` and adds what it finds. A first effect that was a compromise
 /// between two is exchanged: what was added to it is fitted alone, and searched on top of; and of a second one that
-/// happens later nothing is to be seen at the beginning, so that what explains that is searched on top of. With
-/// inertia, what the best set of three or more gained last is given to its rivals. False: nothing was found that is
-/// better than the best before.
+/// happens later nothing is to be seen at the beginning, so that what explains that is searched on top of. What was
+/// added is given to rivals as well: to single causes hardly behind the first; with inertia, to all sets of as many
+/// effects that are not far behind. False: nothing was found that is better than the best before.
 bool search_further(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes);
 
 /// Of a set to which an effect was added of which hardly anything is there: the one before, fitted from there. What the
