@@ -29,7 +29,7 @@ struct NominalParameter {
 
 class TrajectoryModel : public EffectCatalogue {
   public:
-    static constexpr const char* kId = "teres.trajectory_model/7";
+    static constexpr const char* kId = "teres.trajectory_model/8";
 
     virtual std::size_t num_parameters() const noexcept = 0;
     virtual NominalParameter parameter(std::size_t index) const noexcept = 0;
@@ -50,6 +50,10 @@ class TrajectoryModel : public EffectCatalogue {
     virtual void rest_positions(std::span<double> x_m) const noexcept = 0;  ///< 3 per node
     virtual std::size_t num_surface_triangles() const noexcept = 0;
     virtual void surface_triangles(std::span<std::int32_t> node) const noexcept = 0;  ///< 3 per triangle
+
+    /// Of the stiffness by which ligaments are expected to hold the body (prior medians), the share at each node: their
+    /// sum is 1. False: there are none.
+    virtual bool ligament_shares(std::span<double> /*of_node*/) const noexcept { return false; }
 
     /// Moves values of an effect to what they stand for: a place on the surface to the surface's nearest point.
     virtual void settle_effect(std::size_t /*effect*/, std::span<double> /*values*/) const noexcept {}

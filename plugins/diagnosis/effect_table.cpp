@@ -8,6 +8,7 @@ namespace {
 
 constexpr double kLeastShare = 0.05;  // of a parameter that cannot be zero
 constexpr double kFirstPart = 0.1;    // of a recording: what begins in it is there from the beginning
+constexpr double kFoot = 0.25;        // of the ligaments: a cut around as much of them lets them go
 
 bool has_place(const EffectEntry& entry) {
     return std::any_of(entry.parameters.begin(), entry.parameters.end(),
@@ -18,10 +19,6 @@ bool has_place(const EffectEntry& entry) {
 
 bool EffectEntry::local_support() const {
     return support() && !info.event && has_place(*this);
-}
-
-bool EffectEntry::rough_form() const {
-    return local_support() || (parts() && has_place(*this));
 }
 
 bool EffectEntry::exact_form() const {
@@ -64,6 +61,12 @@ EffectTable::EffectTable(const TrajectoryModel& mechanics, const ObservationMode
     };
     add(mechanics, false);
     if (sensors != nullptr) add(*sensors, true);
+
+    std::vector<double> share(mechanics.num_nodes()), x(3 * share.size());
+    if (share.empty() || !mechanics.ligament_shares(share)) return;
+    mechanics.rest_positions(x);
+    for (std::size_t i = 0; i < share.size(); ++i)
+        if (share[i] > 0.0) ligaments_.push_back({Eigen::Vector3d::Map(&x[3 * i]), share[i]});
 }
 
 std::size_t EffectTable::find(std::string_view id) const {
@@ -105,6 +108,22 @@ bool EffectTable::happens(const ActiveEffect& effect) const {
     const double *onset = value_of(entry, effect, "onset"), start = mechanics_.time_s(0),
                  end = mechanics_.time_s(mechanics_.num_frames() - 1);
     return onset == nullptr || *onset > start + kFirstPart * (end - start);
+}
+
+double EffectTable::ligament_share(const ActiveEffect& effect) const {
+    const EffectEntry& entry = entries_[effect.entry];
+    const auto centre = centre_of(entry, effect);
+    const double* radius = value_of(entry, effect, "radius");
+    double share = 0.0;
+    if (centre && radius != nullptr)
+        for (const Held& held : ligaments_)
+            if ((held.at_m - *centre).norm() < *radius) share += held.share;
+    return share;
+}
+
+bool EffectTable::rough_form(const ActiveEffect& effect) const {
+    const EffectEntry& entry = entries_[effect.entry];
+    return entry.local_support() || (entry.parts() && has_place(entry) && ligament_share(effect) < kFoot);
 }
 
 }  // namespace teres

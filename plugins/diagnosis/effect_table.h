@@ -30,9 +30,6 @@ struct EffectEntry {
     bool tears() const { return support() && info.event; }
     /// A body that is parted at some time.
     bool parts() const { return info.event && std::string_view(info.kind) == "mechanics"; }
-    /// Holds or is parted at a place of its own: what really does differs from the catalogue's smooth form. What lets
-    /// go does not: it is fitted from where all of it is torn (refit_torn()).
-    bool rough_form() const;
     /// Nothing of its form could differ from the catalogue's: a load that has neither place nor course of its own
     /// (weight, a gain of known forces), whose where and when are known, or a sensor's few and global numbers.
     bool exact_form() const;
@@ -77,12 +74,22 @@ class EffectTable {
     /// Whether an effect happens in the recording and leaves its beginning alone: an event whose onset, if it has one,
     /// lies beyond the first tenth.
     bool happens(const ActiveEffect& effect) const;
+    /// Share of what ligaments hold by that lies within the effect's radius of its place; 0 if it has none.
+    double ligament_share(const ActiveEffect& effect) const;
+    /// Holds or is parted at a place of its own: what really does differs from the catalogue's smooth form. What lets a
+    /// ligament go does not, be it a tear (fitted from where all of it is torn, refit_torn()) or a cut at its foot.
+    bool rough_form(const ActiveEffect& effect) const;
 
   private:
+    struct Held {
+        Eigen::Vector3d at_m;
+        double share;
+    };
     const EffectCatalogue& catalogue(const EffectEntry& entry) const;
     const TrajectoryModel& mechanics_;
     const ObservationModel* sensors_;
     std::vector<EffectEntry> entries_;
+    std::vector<Held> ligaments_;
 };
 
 }  // namespace teres

@@ -61,7 +61,8 @@ Json parameters(const Cause& cause, const EffectTable& effects, const Trajectory
     return list;
 }
 
-// What may stand in for a cause: by first order, by its family, and what was fitted and leaves as little.
+// What may stand in for a cause: by first order, by its family, and what was fitted and leaves as little, or no more
+// than noise and the model's error, so that nothing in the recording speaks against it.
 Json confusable(const Cause& cause, const EffectTable& effects, const Diagnosis& d, const Calibration& calibration) {
     Json list = Json::array();
     std::vector<std::string> seen;
@@ -82,7 +83,7 @@ Json confusable(const Cause& cause, const EffectTable& effects, const Diagnosis&
         if (!cause.fit.usable || !other.fit.usable || other.entries.size() != cause.entries.size()) continue;
         const double behind =
             0.5 * calibration.nu * (d.error_floor.log_above(other.left()) - d.error_floor.log_above(cause.left()));
-        if (behind < calibration.same_evidence)
+        if (behind < calibration.same_evidence || (d.significant && d.error_floor.explains(other.left())))
             for (const std::size_t e : other.entries) add(e);
     }
     return list;

@@ -159,7 +159,7 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
         calibration.narrowing * std::max(0.0, narrowing_price(S, amplitudes) - cause.search_cost),
         calibration.further_effect * static_cast<double>(cause.entries.size() - 1) +
             calibration.further_mechanical * (more_than_one(fit, effects, true) + more_than_one(fit, effects, false))};
-    cause.rough_form = effects[cause.entries.front()].rough_form();
+    cause.rough_form = effects.rough_form(fit.at.effects.front());
     cause.misfit = misfit_of(fit, theta);
     return gain(left_of(nominal), cause.left(), floor, calibration) - cause.price.total();
 }

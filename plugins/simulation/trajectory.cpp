@@ -63,6 +63,21 @@ void Trajectory::effect_candidate(std::size_t effect, std::size_t candidate, std
     std::copy(from.begin(), from.end(), values.begin());
 }
 
+bool Trajectory::ligament_shares(std::span<double> of_node) const noexcept {
+    const CaseModel& model = player_->model();
+    TERES_CHECK(of_node.size() == model.num_nodes());
+    std::fill(of_node.begin(), of_node.end(), 0.0);
+    double total = 0.0;
+    for (const Tether& t : model.ligament().tethers) {
+        const double stiffness = t.share * model.parameter(static_cast<std::size_t>(t.parameter)).prior_median;
+        of_node[static_cast<std::size_t>(t.node)] += stiffness;
+        total += stiffness;
+    }
+    if (!(total > 0.0)) return false;
+    for (double& share : of_node) share /= total;
+    return true;
+}
+
 void Trajectory::settle_effect(std::size_t effect, std::span<double> values) const noexcept {
     const auto centre = effects_[effect]->description().surface_centre;
     if (!centre) return;

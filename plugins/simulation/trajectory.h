@@ -32,6 +32,7 @@ class Trajectory final : public TrajectoryModel {
     }
     void effect_candidate(std::size_t effect, std::size_t candidate, std::span<double> values) const noexcept override;
 
+    bool ligament_shares(std::span<double> of_node) const noexcept override;
     void settle_effect(std::size_t effect, std::span<double> values) const noexcept override;
 
     std::size_t num_parameters() const noexcept override { return player_->model().num_parameters(); }

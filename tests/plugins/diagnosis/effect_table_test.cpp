@@ -3,7 +3,11 @@
 
 #include <gtest/gtest.h>
 
+#include <string_view>
+
 #include "core/effect_description.h"
+#include "plugins/simulation/trajectory.h"
+#include "tests/support/synthetic_case.h"
 
 namespace teres {
 namespace {
@@ -29,13 +33,39 @@ TEST(EffectTable, ALocalSupportHasAPlaceAndIsThereFromTheBeginning) {
     EXPECT_TRUE(entry("boundary", true, true).support());
 }
 
-TEST(EffectTable, WhatHoldsOrPartsAtAPlaceHasARoughForm) {
-    EXPECT_TRUE(entry("boundary", false, true).rough_form()) << "an adhesion";
-    EXPECT_FALSE(entry("boundary", true, true).rough_form()) << "a tear";
-    EXPECT_TRUE(entry("mechanics", true, true).rough_form()) << "a cut";
-    EXPECT_FALSE(entry("mechanics", false, true).rough_form()) << "an inclusion";
-    EXPECT_FALSE(entry("load", true, true).rough_form()) << "another tool";
-    EXPECT_FALSE(entry("boundary", false, false).rough_form()) << "a clamp";
+// A block of 100 x 40 x 40 mm that a ligament holds at x = 0, but for a clamped edge.
+TEST(EffectTable, WhatHoldsOrPartsAtAPlaceHasARoughFormButNotWhatLetsTheLigamentGo) {
+    Case c = test::clamped_block({.size_m = {0.10, 0.04, 0.04}, .cells = {8, 3, 3}});
+    c.ligament = LigamentData{LigamentLaw::kNeoHookean, 50e3, 0.45, 0.02, 0.04, 0.0};
+    std::vector<std::int32_t> edge;
+    for (const std::int32_t node : c.clamped)
+        if (c.mesh.nodes[static_cast<std::size_t>(node)][1] == 0.0)
+            edge.push_back(node);
+        else
+            c.ligament_prior.push_back({node, 0.7});
+    c.clamped = edge;
+    const auto mechanics = *Trajectory::make(c, {});
+    const EffectTable effects(*mechanics, nullptr, {});
+    const auto at = [&](std::string_view id, double x_m, double radius_m = 0.02) {
+        ActiveEffect effect = effects.candidate(effects.find(id), 0);
+        const auto& parameters = effects[effect.entry].parameters;
+        const std::pair<std::string_view, double> place[]{
+            {"center_x", x_m}, {"center_y", 0.03}, {"center_z", 0.02}, {"radius", radius_m}};
+        for (const auto& [name, value] : place)
+            for (std::size_t p = 0; p < parameters.size(); ++p)
+                if (name == parameters[p].name) effect.values[p] = value;
+        return effect;
+    };
+    EXPECT_NEAR(effects.ligament_share(at("cut", 0.0, 0.05)), 1.0, 1e-12) << "around all of it";
+    EXPECT_EQ(effects.ligament_share(at("cut", 0.06)), 0.0);
+    EXPECT_EQ(effects.ligament_share(at("gravity", 0.0)), 0.0) << "has no place";
+
+    EXPECT_TRUE(effects.rough_form(at("cut", 0.06)));
+    EXPECT_FALSE(effects.rough_form(at("cut", 0.0))) << "the ligament lets go";
+    EXPECT_TRUE(effects.rough_form(at("extra_attachment", 0.06)));
+    EXPECT_TRUE(effects.rough_form(at("extra_attachment", 0.0))) << "holds, wherever it is";
+    for (const char* smooth : {"ligament_tear", "inclusion", "unknown_load", "gravity"})
+        EXPECT_FALSE(effects.rough_form(at(smooth, 0.06))) << smooth;
 }
 
 TEST(EffectTable, ALoadWithNeitherPlaceNorCourseHasAnExactForm) {

@@ -116,6 +116,24 @@ TEST(Trajectory, ForcesOfAnEffectStandWhereItActs) {
     EXPECT_FALSE(t->effect_forces(2, force));
 }
 
+TEST(Trajectory, LigamentsHoldByTheirNodes) {
+    Case c = block();
+    auto t = *Trajectory::make(c, exact());
+    std::vector<double> share(t->num_nodes());
+    ASSERT_TRUE(t->ligament_shares(share));
+    EXPECT_NEAR(std::accumulate(share.begin(), share.end(), 0.0), 1.0, 1e-12);
+    std::size_t holding = 0;
+    for (std::size_t i = 0; i < share.size(); ++i)
+        if (share[i] > 0.0) {
+            ++holding;
+            EXPECT_TRUE(c.mesh.nodes[i][0] == 0.0 && c.mesh.nodes[i][1] > 0.0) << "node " << i;
+        }
+    EXPECT_EQ(holding, c.ligament_prior.size());
+    c.ligament.reset();
+    c.ligament_prior.clear();
+    EXPECT_FALSE((*Trajectory::make(c, exact()))->ligament_shares(share)) << "a clamp alone";
+}
+
 // All effects of the catalogue, each at a candidate of its own.
 struct Sample {
     std::size_t effect;
