@@ -29,10 +29,8 @@ struct Calibration {
     double unknown_share = 0.03;
     /// ... at the price of the best cause that does as well, and at least this [nats] ...
     double unknown_price = 8.0;
-    /// ... but for what that pays for its scales, and for amplitudes beyond so many prior standard deviations each ...
+    /// ... but for what that pays for its scales, and for amplitudes beyond so many prior standard deviations each;
     double unknown_amplitude = 2.0;
-    /// ... and, where that consists of several effects, at most about what the dearest single ones cost [nats];
-    double unknown_price_most = 32.0;
     /// and besides, because the catalogue holds what is likely [nats].
     double unknown_rarity = 1.0;
     double unknown_least() const { return unknown_price + unknown_rarity; }

@@ -177,6 +177,14 @@ double form_share(const Problem& problem, const Cause& known) {
     return share;
 }
 
+// Whether the last effect happens and those before it are there from the beginning, or the reverse: what is left of
+// frames without the one is no error of its form.
+bool apart_in_time(const EffectTable& effects, const Fit& fit) {
+    const bool last = effects.happens(fit.at.effects.back());
+    return std::none_of(fit.at.effects.begin(), fit.at.effects.end() - 1,
+                        [&](const ActiveEffect& before) { return effects.happens(before) == last; });
+}
+
 // By what a further effect lowers ln above beside looser forms of the known ones. What even both leave is an error of
 // form that the known ones alone have too. A sensor has few and global degrees of freedom: an error of form that it
 // explains is not expected beforehand.
@@ -185,8 +193,9 @@ double gain_beside_forms(const Problem& problem, const Fit& nominal, const Base&
     const ErrorFloor& floor = problem.floor;
     const Left both = left_under(problem, base.looser, cause.fit, nominal.u.size());
     const bool fixed = problem.simulator.mechanics().dynamic() || !has_form(problem, base.known);
-    const bool sensor = problem.simulator.effects()[cause.entries.back()].sensor;
-    const Left expected = sensor ? Left(0.0) : form_error(problem, nominal, base.known);
+    const EffectTable& effects = problem.simulator.effects();
+    const bool asked = !effects[cause.entries.back()].sensor && !apart_in_time(effects, cause.fit);
+    const Left expected = asked ? form_error(problem, nominal, base.known) : Left(0.0);
     const auto part = [&](double alone, double with, double of_form, double noise, double model) {
         const double form = of_form + (fixed ? 0.0 : c.rest_is_form * std::max(0.0, with - noise - model));
         const auto above = [&](double cost) { return std::max(0.0, cost - noise) + model + form; };

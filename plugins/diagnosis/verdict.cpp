@@ -39,14 +39,12 @@ const Cause* best_fitted(const std::vector<Cause>& causes) {
 // Price of the best cause that leaves no more than `rest`; if there is none, of the best one at all. Without what it
 // pays for scales that are not its own, or for being larger than such an effect ever is: that speaks for something
 // else.
-double price_of_rival(const std::vector<Cause>& causes, const Left& rest, const ErrorFloor& floor,
-                      const Calibration& calibration) {
+double price_of_rival(const std::vector<Cause>& causes, const Left& rest, const ErrorFloor& floor) {
     const double most = floor.log_above(rest);
     const Cause* rival = best_fitted(causes, [&](const Cause& c) { return floor.log_above(c.left()) <= most; });
     if (rival == nullptr) rival = best_fitted(causes);
     if (rival == nullptr) return 0.0;
-    const double price = rival->price.total() - rival->price.scales - rival->price.extreme;
-    return rival->entries.size() > 1 ? std::min(price, calibration.unknown_price_most) : price;
+    return rival->price.total() - rival->price.scales - rival->price.extreme;
 }
 
 // What looser forms of the best cause would explain besides, or what a rough form is expected to leave [nats]: no
@@ -179,7 +177,7 @@ Verdict judge(std::vector<Cause> causes, const Left& nominal, const ErrorFloor& 
     const Left rest = unexplained(nominal, there, calibration);
     const double beyond = gain(nominal, rest, floor, calibration);
     const double least = calibration.unknown_least();
-    const double price = std::max(least, price_of_rival(causes, rest, floor, calibration) + calibration.unknown_rarity);
+    const double price = std::max(least, price_of_rival(causes, rest, floor) + calibration.unknown_rarity);
     const double unknown = visible_evidence(beyond - price - forms_of_best(causes, nominal, floor, calibration));
 
     // Which cause, if there is one.

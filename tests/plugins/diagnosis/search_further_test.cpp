@@ -142,6 +142,34 @@ TEST_F(SearchFurther, WhatIsCloseBehindTheBestGetsWhatThatGained) {
     }
 }
 
+// A softer plate that another tool pulls at from 6 s on. Beside the modulus, which may be off by 5 % of what it
+// explains, what the tool explains is worth more if it comes later than if it had always been there: nothing of it can
+// be an error of the modulus' form before.
+TEST_F(SearchFurther, WhatComesLaterIsNoErrorOfFormOfWhatWasThere) {
+    const EffectTable effects(body_, nullptr, {});
+    const std::size_t modulus = effects.find("stiffness"), tool = effects.find("unknown_load");
+    const std::vector<double> soft{0.6}, pull{0.2, -0.15, 0.2, 0.06, 0.05, 6.0};
+    body_.known_supports = true;
+    const std::vector<EffectInstance> truth{{Toy::kStiffness, soft}, {Toy::kUnknownLoad, pull}};
+    pose(body_.motion({{}, truth}), effects, nullptr);
+    problem_->floor = {0.0, 1e-3 * nominal_.misfit};
+    Cause alone, both;
+    alone.entries = {modulus};
+    alone = fitted_from(*problem_, nominal_, std::move(alone), {{}, {effects.candidate(modulus, 0)}}, 8);
+    both.entries = {modulus, tool};
+    both = fitted_from(*problem_, nominal_, std::move(both), {{}, {effects.candidate(modulus, 0), {tool, pull}}}, 8);
+    ASSERT_LT(both.misfit, 0.2 * alone.misfit);
+    const Base base{alone, problem_->whitener, alone.fit, left_of(alone.fit)};
+    const auto score_from = [&](double onset_s) {
+        Cause cause = both;
+        cause.fit.at.effects.back().values[5] = onset_s;
+        score(*problem_, nominal_, &base, cause);
+        return cause.score;
+    };
+    const double of_price = problem_->options.calibration.further_mechanical;
+    EXPECT_GT(score_from(6.0), score_from(0.0) + of_price + 1.0);
+}
+
 // A plate in front of a shifted camera, and markers that slip; what a tilt leaves is less than the model's error.
 class SearchFurtherWithinFloor : public SearchFurther {
   protected:
