@@ -126,4 +126,17 @@ inline std::vector<PositionSample> block_truth(const Case& c, const BlockOptions
     return truth;
 }
 
+/// A clamped block that hangs on a ligament where it was clamped, but for an edge (y = 0) that stays clamped.
+inline Case hung_on_ligament(Case c) {
+    c.ligament = LigamentData{LigamentLaw::kNeoHookean, 50e3, 0.45, 0.02, 0.04, 0.0};
+    std::vector<std::int32_t> edge;
+    for (const std::int32_t node : c.clamped)
+        if (c.mesh.nodes[static_cast<std::size_t>(node)][1] == 0.0)
+            edge.push_back(node);
+        else
+            c.ligament_prior.push_back({node, 0.7});
+    c.clamped = edge;
+    return c;
+}
+
 }  // namespace teres::test

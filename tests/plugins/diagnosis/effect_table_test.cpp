@@ -35,16 +35,8 @@ TEST(EffectTable, ALocalSupportHasAPlaceAndIsThereFromTheBeginning) {
 
 // A block of 100 x 40 x 40 mm that a ligament holds at x = 0, but for a clamped edge.
 TEST(EffectTable, WhatHoldsOrPartsAtAPlaceHasARoughFormButNotWhatLetsTheLigamentGo) {
-    Case c = test::clamped_block({.size_m = {0.10, 0.04, 0.04}, .cells = {8, 3, 3}});
-    c.ligament = LigamentData{LigamentLaw::kNeoHookean, 50e3, 0.45, 0.02, 0.04, 0.0};
-    std::vector<std::int32_t> edge;
-    for (const std::int32_t node : c.clamped)
-        if (c.mesh.nodes[static_cast<std::size_t>(node)][1] == 0.0)
-            edge.push_back(node);
-        else
-            c.ligament_prior.push_back({node, 0.7});
-    c.clamped = edge;
-    const auto mechanics = *Trajectory::make(c, {});
+    const auto mechanics = *Trajectory::make(
+        test::hung_on_ligament(test::clamped_block({.size_m = {0.10, 0.04, 0.04}, .cells = {8, 3, 3}})), {});
     const EffectTable effects(*mechanics, nullptr, {});
     const auto at = [&](std::string_view id, double x_m, double radius_m = 0.02) {
         ActiveEffect effect = effects.candidate(effects.find(id), 0);

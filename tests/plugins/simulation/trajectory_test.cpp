@@ -20,23 +20,15 @@ using Eigen::VectorXd;
 
 // A block on a ligament at x = 0 that also has a clamped edge, loaded at its far face.
 Case block(bool quasi_static = true) {
-    Case c = test::clamped_block({.size_m = {0.10, 0.04, 0.04},
-                                  .cells = {8, 3, 3},
-                                  .law = BodyLaw::kNeoHookean,
-                                  .youngs_modulus_pa = 15e3,
-                                  .poissons_ratio = 0.45,
-                                  .frames = 6,
-                                  .dt_s = 0.2,
-                                  .quasi_static = quasi_static,
-                                  .full_force_n = {0.03, 0.05, -0.08}});
-    c.ligament = LigamentData{LigamentLaw::kNeoHookean, 50e3, 0.45, 0.02, 0.04, 0.0};
-    std::vector<std::int32_t> edge;
-    for (const auto node : c.clamped)
-        if (c.mesh.nodes[std::size_t(node)][1] == 0.0)
-            edge.push_back(node);
-        else
-            c.ligament_prior.push_back({node, 0.7});
-    c.clamped = edge;
+    Case c = test::hung_on_ligament(test::clamped_block({.size_m = {0.10, 0.04, 0.04},
+                                                         .cells = {8, 3, 3},
+                                                         .law = BodyLaw::kNeoHookean,
+                                                         .youngs_modulus_pa = 15e3,
+                                                         .poissons_ratio = 0.45,
+                                                         .frames = 6,
+                                                         .dt_s = 0.2,
+                                                         .quasi_static = quasi_static,
+                                                         .full_force_n = {0.03, 0.05, -0.08}}));
     c.loads[0].force_n = {0.0, -0.02, 0.01};
     c.sensor.camera_position_m = Point{0.05, 0.02, 0.4};
     return c;
