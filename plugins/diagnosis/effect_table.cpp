@@ -121,9 +121,13 @@ double EffectTable::ligament_share(const ActiveEffect& effect) const {
     return share;
 }
 
+bool EffectTable::lets_go(const ActiveEffect& effect) const {
+    return entries_[effect.entry].parts() && ligament_share(effect) >= kFoot;
+}
+
 bool EffectTable::rough_form(const ActiveEffect& effect) const {
     const EffectEntry& entry = entries_[effect.entry];
-    return entry.local_support() || (entry.parts() && has_place(entry) && ligament_share(effect) < kFoot);
+    return entry.local_support() || (entry.parts() && has_place(entry) && !lets_go(effect));
 }
 
 }  // namespace teres

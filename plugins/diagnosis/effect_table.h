@@ -76,6 +76,8 @@ class EffectTable {
     bool happens(const ActiveEffect& effect) const;
     /// Share of what ligaments hold by that lies within the effect's radius of its place; 0 if it has none.
     double ligament_share(const ActiveEffect& effect) const;
+    /// A cut around so much of the ligaments' feet that they let the body go.
+    bool lets_go(const ActiveEffect& effect) const;
     /// Holds or is parted at a place of its own: what really does differs from the catalogue's smooth form. What lets a
     /// ligament go does not, be it a tear (fitted from where all of it is torn, refit_torn()) or a cut at its foot.
     bool rough_form(const ActiveEffect& effect) const;

@@ -230,6 +230,7 @@ Json to_json(const Diagnosis& d, const EffectTable& effects, const TrajectoryMod
                  {"cost_beside_forms",
                   cause.misfit_beside_forms ? Json(*cause.misfit_beside_forms / used) : Json(nullptr)},
                  {"rough_form", cause.rough_form},
+                 {"lets_go", cause.lets_go},
                  {"model_cost", cause.model_error ? Json(*cause.model_error / used) : Json(nullptr)},  // in its state
                  {"score", cause.score},
                  {"tail_nats", cause.price.tail},

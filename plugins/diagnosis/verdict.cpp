@@ -52,7 +52,8 @@ double price_of_rival(const std::vector<Cause>& causes, const Left& rest, const 
 double forms_of_best(const std::vector<Cause>& causes, const Left& nominal, const ErrorFloor& floor,
                      const Calibration& calibration) {
     const Cause* best = best_fitted(causes);
-    if (best == nullptr) return 0.0;
+    // Another form of a cut that lets a ligament go is that of a torn ligament.
+    if (best == nullptr || best->lets_go) return 0.0;
     double without = best->misfit_beside_forms.value_or(best->misfit);
     if (best->rough_form)
         without = std::min(
@@ -158,6 +159,7 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
         calibration.further_effect * static_cast<double>(cause.entries.size() - 1) +
             calibration.further_mechanical * (more_than_one(fit, effects, true) + more_than_one(fit, effects, false))};
     cause.rough_form = effects.rough_form(fit.at.effects.front());
+    cause.lets_go = effects.lets_go(fit.at.effects.front());
     cause.misfit = misfit_of(fit, theta);
     return gain(left_of(nominal), cause.left(), floor, calibration) - cause.price.total();
 }

@@ -60,6 +60,7 @@ struct Cause {
     /// Model part of the error floor in the state that the body is in under it, if it was asked for.
     std::optional<double> model_error{};
     bool rough_form = false;  ///< of its first effect, which explains most (effect_table.h)
+    bool lets_go = false;     ///< its first effect is a cut that lets a ligament go
     Price price{};            ///< of a fitted cause
     double score = 0.0;
     double probability = 0.0;

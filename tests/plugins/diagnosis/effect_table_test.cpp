@@ -54,6 +54,9 @@ TEST(EffectTable, WhatHoldsOrPartsAtAPlaceHasARoughFormButNotWhatLetsTheLigament
 
     EXPECT_TRUE(effects.rough_form(at("cut", 0.06)));
     EXPECT_FALSE(effects.rough_form(at("cut", 0.0))) << "the ligament lets go";
+    EXPECT_TRUE(effects.lets_go(at("cut", 0.0)));
+    EXPECT_FALSE(effects.lets_go(at("cut", 0.06)));
+    EXPECT_FALSE(effects.lets_go(at("inclusion", 0.0))) << "softer, but whole";
     EXPECT_TRUE(effects.rough_form(at("extra_attachment", 0.06)));
     EXPECT_TRUE(effects.rough_form(at("extra_attachment", 0.0))) << "holds, wherever it is";
     for (const char* smooth : {"ligament_tear", "inclusion", "unknown_load", "gravity"})

@@ -60,6 +60,9 @@ TEST(Verdict, UnknownIsWorthWhatItGainsBesideFormsOfTheBest) {
     EXPECT_NEAR(lead_of_unknown(cause), alone - 22.5 * std::log(4.0 / 2.6), 1e-6);
     cause.misfit_beside_forms = 1.5;  // the larger of both, not their sum
     EXPECT_NEAR(lead_of_unknown(cause), alone - 22.5 * std::log(4.0 / 2.5), 1e-6);
+    cause.rough_form = false;
+    cause.lets_go = true;  // other forms of such a cut are a torn ligament's
+    EXPECT_NEAR(lead_of_unknown(cause), alone, 1e-6);
 }
 
 // Where the model may be off by 2 under the best cause, `unknown` leaves 1.0 + 0.03 (10 - 1.0) = 1.27.
