@@ -111,12 +111,28 @@ std::optional<Assumption> whole_start(Problem& problem, const Fit& without, cons
 }
 
 // A trace of the added effect is nearly what is known without it.
-Fit fit_from_trace(Problem& problem, const Fit& without, ActiveEffect added, int iterations) {
+Fit fit_from_trace(Problem& problem, const Assumption& without, ActiveEffect added, int iterations) {
     const EffectEntry& entry = problem.simulator.effects()[added.entry];
     for (std::size_t p = 0; p < entry.parameters.size(); ++p)
         if (entry.parameters[p].role == EffectRole::kAmplitude)
             added.values[p] = at_share(entry.parameters[p], added.values[p], kTrace);
-    return fit_from_whole(problem, plus(without.at, added), iterations);
+    return fit_from_whole(problem, plus(without, added), iterations);
+}
+
+// Beside a steady load, what acts until some instant explains about what acts the other way round from then on does:
+// which of both was found without that load is an accident, and no descent leads from one to the other.
+void try_complement(Problem& problem, const Fit& without, const ActiveEffect& added, int iterations, Fit& fit) {
+    const EffectTable& effects = problem.simulator.effects();
+    if (problem.simulator.mechanics().dynamic() || !effects[added.entry].steady_load()) return;
+    for (std::size_t k = 0; k < without.at.effects.size(); ++k) {
+        if (problem.out_of_time() || (fit.usable && problem.floor.explains(left_of(fit)))) return;
+        const auto other = effects.complement(without.at.effects[k]);
+        if (!other) continue;
+        Assumption start = without.at;
+        start.effects[k] = *other;
+        Fit again = fit_from_trace(problem, start, added, iterations);
+        if (again.usable && (!fit.usable || again.cost < fit.cost)) fit = std::move(again);
+    }
 }
 
 Fit fit_with(Problem& problem, const Fit& without, bool further, const ActiveEffect& added, int iterations) {
@@ -125,10 +141,11 @@ Fit fit_with(Problem& problem, const Fit& without, bool further, const ActiveEff
     Fit fit = problem.fit(*start, iterations);
     // With one effect more it cannot leave more: it went astray.
     if (further && (!fit.usable || fit.misfit > without.residual.squaredNorm()) && !problem.out_of_time()) {
-        Fit again = fit_from_trace(problem, without, added, iterations);
+        Fit again = fit_from_trace(problem, without.at, added, iterations);
         if (again.usable && (!fit.usable || again.cost < fit.cost)) fit = std::move(again);
     }
     settle_instant(problem, fit, iterations);
+    if (further) try_complement(problem, without, added, iterations, fit);
     for (int round = 0; fit.usable && round < kShapeRounds && !problem.hopeless(fit); ++round) {
         const double before = fit.cost;
         improve_shapes(problem.simulator, problem.whitener, problem.recording.observed, fit);

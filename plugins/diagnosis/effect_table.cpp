@@ -6,9 +6,10 @@
 namespace teres {
 namespace {
 
-constexpr double kLeastShare = 0.05;  // of a parameter that cannot be zero
-constexpr double kFirstPart = 0.1;    // of a recording: what begins in it is there from the beginning
-constexpr double kFoot = 0.25;        // of the ligaments: a cut around as much of them lets them go
+constexpr double kLeastShare = 0.05;     // of a parameter that cannot be zero
+constexpr double kFirstPart = 0.1;       // of a recording: begun in it is begun before, ended in the last not ended
+constexpr double kSteadyPeriods = 0.25;  // in a recording: slower is steady
+constexpr double kFoot = 0.25;           // of the ligaments: a cut around as much of them lets them go
 
 bool has_place(const EffectEntry& entry) {
     return std::any_of(entry.parameters.begin(), entry.parameters.end(),
@@ -108,6 +109,39 @@ bool EffectTable::happens(const ActiveEffect& effect) const {
     const double *onset = value_of(entry, effect, "onset"), start = mechanics_.time_s(0),
                  end = mechanics_.time_s(mechanics_.num_frames() - 1);
     return onset == nullptr || *onset > start + kFirstPart * (end - start);
+}
+
+std::optional<ActiveEffect> EffectTable::complement(const ActiveEffect& effect) const {
+    const EffectEntry& entry = entries_[effect.entry];
+    const double *onset = value_of(entry, effect, "onset"), *end = value_of(entry, effect, "end"),
+                 *rise = value_of(entry, effect, "rise"), *frequency = value_of(entry, effect, "frequency");
+    if (std::string_view(entry.info.kind) != "load" || onset == nullptr || end == nullptr ||
+        mechanics_.num_frames() == 0)
+        return std::nullopt;
+    const double first = mechanics_.time_s(0), last = mechanics_.time_s(mechanics_.num_frames() - 1),
+                 part = kFirstPart * (last - first);
+    if (frequency != nullptr && *frequency * (last - first) > kSteadyPeriods) return std::nullopt;
+    const auto inside = [&](double t) { return t > first + part && t < last - part; };
+    const bool begins = inside(*onset), ends = inside(*end);
+    if (begins == ends) return std::nullopt;
+    // About the middle of its edge, as fast as is usual: a slow edge may be the compromise of a fit without the rest.
+    ActiveEffect out = effect;
+    double later = 0.0;
+    for (std::size_t p = 0; rise != nullptr && p < entry.parameters.size(); ++p)
+        if (std::string_view(entry.parameters[p].name) == "rise") {
+            out.values[p] = std::exp(entry.parameters[p].prior_mean);
+            later = 0.5 * (*rise - out.values[p]);
+        }
+    for (std::size_t p = 0; p < entry.parameters.size(); ++p) {
+        const EffectParameter& parameter = entry.parameters[p];
+        const std::string_view name = parameter.name;
+        double& value = out.values[p];
+        if (parameter.role == EffectRole::kAmplitude) value = 2.0 * parameter.null_value - value;
+        if (name == "onset") value = begins ? first - (last - first) : *end + later;
+        if (name == "end") value = begins ? *onset + later : last + (last - first);
+        value = std::clamp(value, parameter.lower, parameter.upper);
+    }
+    return out;
 }
 
 double EffectTable::ligament_share(const ActiveEffect& effect) const {

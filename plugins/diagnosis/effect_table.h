@@ -28,6 +28,8 @@ struct EffectEntry {
     bool local_support() const;
     /// A support that lets go at some time.
     bool tears() const { return support() && info.event; }
+    /// A load that is there from the beginning to the end.
+    bool steady_load() const { return std::string_view(info.kind) == "load" && !info.event; }
     /// A body that is parted at some time.
     bool parts() const { return info.event && std::string_view(info.kind) == "mechanics"; }
     /// Nothing of its form could differ from the catalogue's: a load that has neither place nor course of its own
@@ -74,6 +76,9 @@ class EffectTable {
     /// Whether an effect happens in the recording and leaves its beginning alone: an event whose onset, if it has one,
     /// lies beyond the first tenth.
     bool happens(const ActiveEffect& effect) const;
+    /// A load that acts from the beginning until some instant, as one that acts the other way round from then on, or
+    /// the reverse: beside what is steady both explain about the same. Nothing if it is none.
+    std::optional<ActiveEffect> complement(const ActiveEffect& effect) const;
     /// Share of what ligaments hold by that lies within the effect's radius of its place; 0 if it has none.
     double ligament_share(const ActiveEffect& effect) const;
     /// A cut around so much of the ligaments' feet that they let the body go.

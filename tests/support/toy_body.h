@@ -9,6 +9,7 @@
 #pragma once
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <random>
@@ -46,7 +47,7 @@ class ToyBody final : public TrajectoryModel {
                         "another tool",
                         "test",
                         nullptr,
-                        gives_way() || sudden ? 7 : 6,
+                        gives_way() || sudden || ends ? 7 : 6,
                         36,
                         true};
             case kMaterialLaw:
@@ -66,6 +67,7 @@ class ToyBody final : public TrajectoryModel {
         if (e == kGravity || p < 3) return {kNames[p], "N", amplitude, plain, 0.0, 0.0, 0.4, -10.0, 10.0};
         if (p == 6 && sudden)
             return {"duration", "s", shape, EffectTransform::kLog, 0.0, std::log(0.5), 1.0, 1e-3, 12.0};
+        if (p == 6 && ends) return {"end", "s", shape, plain, 0.0, 12.0, 12.0, 0.0, 24.0};
         if (p == 6) return {"center_z", "m", shape, plain, 0.0, 0.0, 0.01, -0.01, 0.01};
         if (p < 5) return {kNames[p], "m", shape, plain, 0.0, 0.06, 0.05, -0.05, 0.2};
         return {kNames[p], "s", shape, plain, 0.0, 6.0, 12.0, 0.0, 12.0};
@@ -82,12 +84,14 @@ class ToyBody final : public TrajectoryModel {
             v[5] = 3.0 * static_cast<double>(c / 9);
             if (gives_way()) v[6] = 0.0;
             if (sudden) v[6] = 0.5;
+            if (ends) v[6] = 24.0;
         }
     }
 
     bool known_supports = false;  ///< k = (38, 70): nothing nominal is unknown
     bool inertia = false;         ///< says that it is dynamic
     bool sudden = false;          ///< the unknown load has a seventh parameter, the duration of its rise
+    bool ends = false;            ///< ... or the instant from which it goes; it comes and goes within a second
     std::size_t frames = kToyFrames;
 
     bool dynamic() const noexcept override { return inertia; }
@@ -120,14 +124,15 @@ class ToyBody final : public TrajectoryModel {
     std::vector<double> motion(const Hypothesis& h, double bend = 1.0, double side = 0.0) const {
         double scale = 1.0, beta = 0.0;
         Eigen::Vector3d g = Eigen::Vector3d::Zero(), F = g;
-        double cx = 0.0, cy = 0.0, onset = 1e9, duration = 0.0;
+        double cx = 0.0, cy = 0.0, onset = 1e9, end = 1e9, duration = 0.0;
         for (const EffectInstance& e : h.effects) {
             const auto& v = e.values;
             if (e.index == kStiffness) scale = v[0];
             if (e.index == kMaterialLaw) beta = v[0];
             if (e.index == kGravity) g = {v[0], v[1], v[2]};
             if (e.index == kUnknownLoad)
-                F = {v[0], v[1], v[2]}, cx = v[3], cy = v[4], onset = v[5], duration = sudden ? v[6] : 0.0;
+                F = {v[0], v[1], v[2]}, cx = v[3], cy = v[4], onset = v[5], duration = sudden ? v[6] : 0.0,
+                end = ends ? v[6] : 1e9;
         }
         static const std::array<Eigen::Vector3d, 2> place{Eigen::Vector3d(0.02, 0.02, 0),
                                                           Eigen::Vector3d(0.1, 0.08, 0)};
@@ -153,6 +158,7 @@ class ToyBody final : public TrajectoryModel {
                     double near = std::exp(-(dx * dx + dy * dy) / (kToyWidth * kToyWidth));
                     if (corner) near *= gives_way_n / (gives_way_n + F.norm());
                     if (t < onset + duration) near *= std::pow(std::sin(0.5 * 3.14159265 * (t - onset) / duration), 2);
+                    if (ends) near *= within_a_second(t - onset) * (1.0 - within_a_second(t - end));
                     u += F * near / (scale * kToyE);
                     if (F.norm() > holds_up_to_n) u -= Eigen::Vector3d::Constant(0.05);
                 }
@@ -247,6 +253,7 @@ class ToyBody final : public TrajectoryModel {
     int simulations = 0;
 
   private:
+    static double within_a_second(double t) { return 0.5 - 0.5 * std::cos(3.14159265 * std::clamp(t, 0.0, 1.0)); }
     static void pick(const std::vector<double>& all, std::span<const std::int32_t> listed, std::span<double> markers) {
         for (std::size_t k = 0; k < listed.size(); ++k)
             std::copy_n(all.begin() + static_cast<std::ptrdiff_t>(3 * kToyMarkers) * listed[k], 3 * kToyMarkers,

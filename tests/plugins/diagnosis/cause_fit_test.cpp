@@ -120,6 +120,34 @@ TEST(CauseFit, BeginsNoFurtherOffThanWithoutTheEffect) {
     for (std::size_t a = 0; a < 3; ++a) EXPECT_NEAR(found.fit.at.effects[0].values[a], 0.3, 0.02);
 }
 
+// A tool from 5 s on beside a tilt, found without the tilt as one that acts the other way round until then.
+TEST(CauseFit, BesideASteadyLoadAToolMayActTheOtherWayRound) {
+    test::ToyBody body;
+    body.ends = true;
+    const std::vector<double> tilt{0.8, -0.5, 0.6}, tool{0.5, 0.3, -0.4, 0.12, 0.05, 5.0, 24.0};
+    Posed posed(body, {{test::ToyBody::kGravity, tilt}, {test::ToyBody::kUnknownLoad, tool}});
+    Problem& problem = posed.problem;
+    problem.floor.noise = static_cast<double>(posed.recording.fit_rows.size());
+    Cause mirrored;
+    mirrored.entries = {posed.effects.find("unknown_load")};
+    mirrored.fit = problem.fit({kSupports, {{mirrored.entries[0], {-0.5, -0.3, 0.4, 0.12, 0.05, 0.0, 5.0}}}}, 0);
+    ASSERT_TRUE(mirrored.fit.usable);
+    EffectScreening added;
+    added.entry = posed.effects.find("gravity");
+    added.start = posed.effects.candidate(added.entry, 0);
+    const Fit nominal = problem.fit({kSupports, {}}, 0);
+    const Cause both = refit(problem, nominal, &mirrored, added, 8);
+    ASSERT_TRUE(both.fit.usable);
+    EXPECT_LT(both.fit.misfit, 1e-3 * mirrored.fit.misfit);
+    const std::vector<double>& found = both.fit.at.effects[0].values;
+    for (std::size_t a = 0; a < 3; ++a) {
+        EXPECT_NEAR(found[a], tool[a], 0.02);
+        EXPECT_NEAR(both.fit.at.effects[1].values[a], tilt[a], 0.02);
+    }
+    EXPECT_NEAR(found[5], 5.0, test::kToyDt);
+    EXPECT_GT(found[6], posed.simulator.times_s()[posed.recording.first_held_frame - 1]) << "of what is fitted";
+}
+
 // Supports five prior deviations away, a bent body, and a known tilt fitted exactly: a refit that begins with likelier
 // supports has no time to come back to them, and is made again from the known fit.
 class RefitOnTop : public ::testing::Test {

@@ -8,6 +8,7 @@
 #include "core/effect_description.h"
 #include "plugins/simulation/trajectory.h"
 #include "tests/support/synthetic_case.h"
+#include "tests/support/toy_body.h"
 
 namespace teres {
 namespace {
@@ -31,6 +32,47 @@ TEST(EffectTable, ALocalSupportHasAPlaceAndIsThereFromTheBeginning) {
     EXPECT_FALSE(entry("load", false, true).local_support()) << "a heartbeat";
     EXPECT_FALSE(entry("mechanics", false, true).local_support()) << "an inclusion";
     EXPECT_TRUE(entry("boundary", true, true).support());
+}
+
+// A recording from 0 to 11.8 s.
+TEST(EffectTable, ALoadUntilAnInstantHasAComplementFromThenOn) {
+    test::ToyBody body;
+    body.ends = true;
+    const EffectTable effects(body, nullptr, {});
+    const auto tool = [&](double onset_s, double end_s) {
+        return ActiveEffect{effects.find("unknown_load"), {0.5, 0.3, -0.4, 0.12, 0.05, onset_s, end_s}};
+    };
+    const auto later = effects.complement(tool(0.0, 5.0));
+    ASSERT_TRUE(later);
+    EXPECT_EQ(later->values, (std::vector<double>{-0.5, -0.3, 0.4, 0.12, 0.05, 5.0, 23.6}));
+    const auto earlier = effects.complement(tool(5.0, 24.0));
+    ASSERT_TRUE(earlier);
+    EXPECT_EQ(earlier->values, (std::vector<double>{-0.5, -0.3, 0.4, 0.12, 0.05, 0.0, 5.0}));
+    EXPECT_FALSE(effects.complement(tool(2.0, 5.0))) << "acts for a while";
+    EXPECT_FALSE(effects.complement(tool(0.0, 24.0))) << "acts throughout";
+    EXPECT_FALSE(effects.complement(effects.candidate(effects.find("gravity"), 0)));
+}
+
+// Its edge keeps its middle, and is as fast as is usual: 0.05 of the recording.
+TEST(EffectTable, AComplementIsAsFastAsIsUsual) {
+    const auto mechanics = *Trajectory::make(test::clamped_block({.cells = {2, 1, 1}, .frames = 21}), {});
+    const double t0 = mechanics->time_s(0), duration = mechanics->time_s(mechanics->num_frames() - 1) - t0;
+    const EffectTable effects(*mechanics, nullptr, {});
+    ActiveEffect tool = effects.candidate(effects.find("unknown_load"), 0);
+    const auto set = [&](std::string_view name, double value) {
+        for (std::size_t p = 0; p < tool.values.size(); ++p)
+            if (name == effects[tool.entry].parameters[p].name) tool.values[p] = value;
+    };
+    set("onset", t0 - duration);
+    set("end", t0 + 0.3 * duration);
+    set("rise", 0.4 * duration);
+    set("frequency", 0.0);
+    const auto later = effects.complement(tool);
+    ASSERT_TRUE(later);
+    EXPECT_NEAR(*value_of(effects[tool.entry], *later, "rise"), 0.05 * duration, 1e-12);
+    EXPECT_NEAR(*value_of(effects[tool.entry], *later, "onset"), t0 + 0.475 * duration, 1e-12);
+    set("frequency", 1.0 / duration);
+    EXPECT_FALSE(effects.complement(tool)) << "comes and goes";
 }
 
 // A block of 100 x 40 x 40 mm that a ligament holds at x = 0, but for a clamped edge.
