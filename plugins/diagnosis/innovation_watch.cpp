@@ -11,7 +11,9 @@ constexpr double kStrong = 0.5;        // a marker takes part if its statistic i
 constexpr double kRigidSpread = 0.35;  // shifts of all markers alike within this share: the camera moved, not the body
 constexpr double kSmoothing = 0.25;    // of the level that tells who is shifted, and how
 constexpr double kMaxCorrelation = 0.95;
-constexpr double kLeastSpread = 1e-3;  // variance of e
+constexpr double kLeastSpread = 1e-3;   // variance of e
+constexpr double kMostOfBound = 0.6;    // of the bound, by one frame of all markers together: never one alone, ...
+constexpr double kMostPerSecond = 3.0;  // ... nor less than a third of a second
 
 double run_length(double k, double h) {
     const double b = 2.0 * k * (h + kOvershoot);
@@ -38,6 +40,7 @@ InnovationWatch::InnovationWatch(std::size_t markers, const InnovationWatchOptio
 
 void InnovationWatch::restart() noexcept {
     for (Channel& c : channels_) c.up = c.down = 0.0;
+    all_.up = 0.0;
     std::fill(state_.marker_shift.begin(), state_.marker_shift.end(), 0.0);
     state_.alarm = false;
     state_.kind = GapKind::kNone;
@@ -84,6 +87,23 @@ void InnovationWatch::feed(Channel& c, double e, std::int64_t stamp_us, bool lea
     c.previous = e;
 }
 
+void InnovationWatch::feed_all(double sum_of_squares, int count, std::int64_t stamp_us, bool learning) noexcept {
+    if (count == 0) return;
+    const double variance = 2.0 / (9.0 * count), q = sum_of_squares / count;
+    const double w = (std::cbrt(q) - 1.0 + variance) / std::sqrt(variance);
+    Channel& c = all_;
+    const double z = (w - std::max(c.mean, 0.0)) / std::sqrt(std::max(c.variance, 1.0));
+    const double most = std::min(kMostOfBound, kMostPerSecond * period_s_) * state_.bound;
+    if (!learning) c.up = std::max(0.0, c.up + std::min(z - options_.drift_all, most));
+    if (c.up == 0.0) c.up_since_us = stamp_us;
+    if (state_.alarm || c.up > 0.0) return;
+    if (c.count == 0) c.mean = w;
+    const double memory = std::max(1.0, options_.forgetting_s / std::max(period_s_, 1e-3));
+    const double weight = 1.0 / std::min(static_cast<double>(++c.count) + 1.0, memory), d = w - c.mean;
+    c.mean += weight * d;
+    c.variance += weight * (d * d - c.variance);
+}
+
 const GapState& InnovationWatch::update(std::int64_t stamp_us, std::span<const MarkerInnovation> markers) noexcept {
     if (markers.size() != markers_ || (frames_ > 0 && stamp_us <= last_us_)) return state_;
     if (frames_ > 0) {
@@ -98,8 +118,8 @@ const GapState& InnovationWatch::update(std::int64_t stamp_us, std::span<const M
     if (period_s_ > 0.0)
         state_.bound = cusum_bound(options_.drift, 1.0 / period_s_, options_.false_alarm_period_s, channels_.size());
 
-    double common[3] = {0.0, 0.0, 0.0};
-    int seen = 0;
+    double common[3] = {0.0, 0.0, 0.0}, squares = 0.0;
+    int seen = 0, axes = 0;
     for (std::size_t m = 0; m < markers_; ++m) {
         const MarkerInnovation& marker = markers[m];
         if (!marker.seen || !(marker.sigma_m > 0.0)) continue;
@@ -109,11 +129,14 @@ const GapState& InnovationWatch::update(std::int64_t stamp_us, std::span<const M
             if (!std::isfinite(e)) continue;
             level_[3 * m + a] += kSmoothing * (e - level_[3 * m + a]);
             common[a] += e;
+            squares += std::pow(std::min(std::abs(e), options_.clip), 2);
+            ++axes;
             feed(channels_[3 * m + a], e, stamp_us, learning);
         }
     }
     for (std::size_t a = 0; a < 3 && seen > 0; ++a)
         feed(channels_[3 * markers_ + a], common[a] / std::sqrt(static_cast<double>(seen)), stamp_us, learning);
+    feed_all(squares, axes, stamp_us, learning);
     judge(stamp_us);
     return state_;
 }
@@ -122,6 +145,7 @@ void InnovationWatch::judge(std::int64_t stamp_us) noexcept {
     const Channel* worst = &channels_.front();
     for (const Channel& c : channels_)
         if (c.statistic() > worst->statistic()) worst = &c;
+    if (all_.up > worst->statistic()) worst = &all_;
     state_.statistic = worst->statistic();
     for (std::size_t m = 0; m < markers_; ++m) {
         double statistic = 0.0, shift = 0.0;

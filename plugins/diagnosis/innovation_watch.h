@@ -5,6 +5,9 @@
 //     z_t = (e_t - phi e_{t-1} - m) / s     whitened: structured model error is correlated in time; m, s, phi learnt,
 //                                           s^2 >= 1 - phi^2: no less than the filter expects of e (variance 1)
 //     g+  = max(0, g+ + clip(z) - k),  g- = max(0, g- - clip(z) - k)          CUSUM, both directions
+//     q   = mean of min(|e|, clip)^2 over all n axes seen: what moves many markers, each its own way, in one jump
+//     w   = (q^{1/3} - 1 + 2/(9 n)) / sqrt(2/(9 n))     N(0,1) where e is (Wilson & Hilferty 1931)
+//     g   = max(0, g + min((w - m) / s - k_all, share h)),   m >= 0, s >= 1; share: no single frame suffices
 //     alarm when a g exceeds h;  onset: the last frame at which that g was zero
 //
 // Run length between false alarms of one CUSUM of white Gaussian z (Siegmund 1985):
@@ -21,9 +24,10 @@ namespace teres {
 struct InnovationWatchOptions {
     double false_alarm_period_s = 7200.0;  ///< twice the promised hour: z is not exactly Gaussian
     double drift = 1.75;                   ///< k, half the smallest shift looked for, in standard deviations
+    double drift_all = 3.0;                ///< k_all: the same of all markers together, only for what is gross
     double learning_s = 5.0;               ///< no alarm before; level, spread and correlation are learnt
     double forgetting_s = 60.0;            ///< level and spread follow slow changes
-    double clip = 3.0;                     ///< a few wild values are no shift
+    double clip = 2.75;                    ///< wild values are no shift: four at least, of one direction
     double hold_s = 5.0;                   ///< an alarm stands so long, then the new state is learnt
 };
 
@@ -70,12 +74,14 @@ class InnovationWatch {
         double sign() const { return up > down ? 1.0 : -1.0; }
     };
     void feed(Channel& channel, double e, std::int64_t stamp_us, bool learning) noexcept;
+    void feed_all(double sum_of_squares, int count, std::int64_t stamp_us, bool learning) noexcept;
     void judge(std::int64_t stamp_us) noexcept;
     void restart() noexcept;
 
     InnovationWatchOptions options_;
     std::size_t markers_;
     std::vector<Channel> channels_;  // 3 per marker, then 3 common modes
+    Channel all_;                    // w; only upwards
     std::vector<double> level_;      // smoothed e per channel
     GapState state_;
     std::int64_t first_us_ = 0, last_us_ = 0, alarm_us_ = 0;

@@ -39,17 +39,17 @@ struct Stream {
     std::student_t_distribution<double> student{4.0};
 };
 
-std::int64_t stamp(int frame) {
-    return std::llround(1e6 * frame / kRate);
+std::int64_t stamp(int frame, double rate_hz = kRate) {
+    return std::llround(1e6 * frame / rate_hz);
 }
 
 // Alarms (rising edges) in so many hours without any shift.
-int false_alarms(Stream stream, double hours) {
+int false_alarms(Stream stream, double hours, double rate_hz = kRate) {
     InnovationWatch watch(kMarkers, {});
     int count = 0;
     bool before = false;
-    for (int f = 0; f < static_cast<int>(hours * 3600.0 * kRate); ++f) {
-        const bool alarm = watch.update(stamp(f), stream.next([](auto, auto) { return 0.0; })).alarm;
+    for (int f = 0; f < static_cast<int>(hours * 3600.0 * rate_hz); ++f) {
+        const bool alarm = watch.update(stamp(f, rate_hz), stream.next([](auto, auto) { return 0.0; })).alarm;
         count += alarm && !before ? 1 : 0;
         before = alarm;
     }
@@ -60,6 +60,8 @@ TEST(InnovationWatch, AtMostOneFalseAlarmAnHour) {
     EXPECT_LE(false_alarms(Stream(1), 2.0), 2);
     EXPECT_LE(false_alarms(Stream(2, 0.7), 2.0), 2) << "correlated in time";
     EXPECT_LE(false_alarms(Stream(3, 0.0, true), 2.0), 2) << "heavy tails (Student, 4 degrees of freedom)";
+    EXPECT_LE(false_alarms(Stream(4, 0.7), 4.0, 5.0), 4) << "five frames a second";
+    EXPECT_LE(false_alarms(Stream(5, 0.0, true), 4.0, 5.0), 4) << "five frames a second, heavy tails";
 }
 
 struct Event {
@@ -107,6 +109,26 @@ TEST(InnovationWatch, MovedCameraIsSensorMovedBodyIsMechanics) {
     }
     EXPECT_GE(sensor, 18);
     EXPECT_GE(mechanics, 18);
+}
+
+// Five frames a second: every marker jumps its own way by 8 sigma, and the filter has followed after half a second. The
+// axes alone, each of which counts 2.75 deviations at most, would need four frames of one direction.
+TEST(InnovationWatch, AJumpOfManyMarkersIsSeenInTwoFramesButNotInOne) {
+    const auto alarm_after_s = [](int frames_long) {
+        Stream stream(21);
+        InnovationWatch watch(kMarkers, {});
+        for (int f = 0; f < 120; ++f) {
+            const bool jumps = f >= 60 && f < 60 + frames_long;
+            const auto shift = [&](std::size_t m, std::size_t a) {
+                return !jumps ? 0.0 : ((3 * m + a) % 2 == 0 ? 8.0 : -8.0) * (f % 2 == 0 ? 1.0 : -1.0);
+            };
+            if (watch.update(200'000LL * f, stream.next(shift)).alarm) return 0.2 * (f - 60 + 1);
+        }
+        return 1e9;
+    };
+    EXPECT_EQ(alarm_after_s(1), 1e9) << "a flash";
+    EXPECT_NEAR(alarm_after_s(2), 0.4, 1e-9);
+    EXPECT_NEAR(alarm_after_s(5), 0.4, 1e-9);
 }
 
 TEST(InnovationWatch, BoundFollowsTheRunLength) {
