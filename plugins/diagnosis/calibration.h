@@ -44,7 +44,7 @@ struct Calibration {
     double beside_model = 0.1;
     double beside_noise = 0.2;
     /// Share of what mechanical causes explain that remains because their real form is not quite the catalogue's: a
-    /// further effect must explain more than that (besides form_columns.h), unless it is a sensor's.
+    /// further effect must explain more than that (besides form_columns.h), unless it is global.
     double form_error = 0.05;
     /// ... of supports at a place of their own: where they begin to hold differs from point to point. Where one of them
     /// or a cut comes first, what it leaves of that share is no evidence for `unknown` either.

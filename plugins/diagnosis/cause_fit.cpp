@@ -203,15 +203,15 @@ bool apart_in_time(const EffectTable& effects, const Fit& fit) {
 }
 
 // By what a further effect lowers ln above beside looser forms of the known ones. What even both leave is an error of
-// form that the known ones alone have too. A sensor has few and global degrees of freedom: an error of form that it
-// explains is not expected beforehand.
+// form that the known ones alone have too. Of what is global
+// (EffectEntry::global()) that is not expected beforehand.
 double gain_beside_forms(const Problem& problem, const Fit& nominal, const Base& base, const Cause& cause) {
     const Calibration& c = problem.options.calibration;
     const ErrorFloor& floor = problem.floor;
     const Left both = left_under(problem, base.looser, cause.fit, nominal.u.size());
     const bool fixed = problem.simulator.mechanics().dynamic() || !has_form(problem, base.known);
     const EffectTable& effects = problem.simulator.effects();
-    const bool asked = !effects[cause.entries.back()].sensor && !apart_in_time(effects, cause.fit);
+    const bool asked = !effects[cause.entries.back()].global() && !apart_in_time(effects, cause.fit);
     const Left expected = asked ? form_error(problem, nominal, base.known) : Left(0.0);
     const auto part = [&](double alone, double with, double of_form, double noise, double model) {
         const double form = of_form + (fixed ? 0.0 : c.rest_is_form * std::max(0.0, with - noise - model));

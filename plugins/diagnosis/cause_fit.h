@@ -11,11 +11,11 @@ inline constexpr double kHopeless = 8.0;
 /// What one more effect is searched on top of: known effects, which may be off in their form (form_columns.h).
 struct Base {
     const Cause& known;
-    Whitener looser;            ///< with the columns of their forms
-    Fit fit;                    ///< theirs, completed under `looser`
-    Left left;                  ///< of `fit`
-    bool sensors_only = false;  ///< what is left is so little that mechanics could be the known effects' error of form
-    double far_nats = 0.0;      ///< what the known effects pay for being far from their prior, if that is the reason
+    Whitener looser;           ///< with the columns of their forms
+    Fit fit;                   ///< theirs, completed under `looser`
+    Left left;                 ///< of `fit`
+    bool global_only = false;  ///< what is left is so little that anything local could be an error of their form
+    double far_nats = 0.0;     ///< what the known effects pay for being far from their prior, if that is the reason
 };
 
 /// One more effect on top of what is known (null: of the nominal fit), refitted with everything free.

@@ -28,8 +28,10 @@ struct EffectEntry {
     bool local_support() const;
     /// A support that lets go at some time.
     bool tears() const { return support() && info.event; }
-    /// A load that is there from the beginning to the end.
-    bool steady_load() const { return std::string_view(info.kind) == "load" && !info.event; }
+    /// The weight, a pressure: all of the body, from the beginning to the end.
+    bool steady_load() const { return std::string_view(info.family) == "steady load"; }
+    /// Few and global degrees of freedom: what it explains beside another effect is hardly an error of that one's form.
+    bool global() const { return sensor || steady_load(); }
     /// A body that is parted at some time.
     bool parts() const { return info.event && std::string_view(info.kind) == "mechanics"; }
     /// Nothing of its form could differ from the catalogue's: a load that has neither place nor course of its own

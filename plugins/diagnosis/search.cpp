@@ -17,7 +17,7 @@ std::vector<std::size_t> left_out(const EffectTable& effects, const Base* base) 
     if (base == nullptr) return {};
     std::vector<std::size_t> out = base->known.entries;
     for (std::size_t e = 0; e < effects.size(); ++e)
-        if (base->sensors_only && !effects[e].sensor) out.push_back(e);
+        if (base->global_only && !effects[e].global()) out.push_back(e);
     return out;
 }
 
@@ -124,7 +124,7 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base
         if (!early.effects.empty() && early.effects.front().score > options.calibration.unknown_price)
             screening.of_beginning = early.effects.front();
     }
-    if (base != nullptr && base->sensors_only)  // first order is nearly exact there
+    if (base != nullptr && base->global_only)  // first order is nearly exact there
         std::erase_if(screening.effects,
                       [&](const EffectScreening& effect) { return effect.score <= -base->far_nats; });
     std::vector<EffectScreening> chosen;

@@ -33,7 +33,7 @@ Whitener looser_whitener(Problem& problem, const Fit& known) {
 }
 
 // One effect more than `known`. Nothing if looser forms of that explain what is left, unless it takes effects that are
-// hardly ever so large; only a sensor if they might. Fills its misfit beside forms.
+// hardly ever so large; only what is global if they might. Fills its misfit beside forms.
 std::vector<Cause> search_on_top(Problem& problem, const Fit& nominal, Cause& known) {
     Base base{known, looser_whitener(problem, known.fit), known.fit, {0.0}};
     complete(problem.simulator, base.looser, problem.recording.observed, base.fit);
@@ -47,7 +47,7 @@ std::vector<Cause> search_on_top(Problem& problem, const Fit& nominal, Cause& kn
         if (base.far_nats < kFarFromPrior * static_cast<double>(known.entries.size())) return {};
     }
     const Left beyond = problem.floor.beyond(left), form = form_error(problem, nominal, known);
-    base.sensors_only = beyond.inside() <= form.inside() && beyond.beside <= form.beside;
+    base.global_only = beyond.inside() <= form.inside() && beyond.beside <= form.beside;
     Screening screening;
     return search(problem, nominal, &base, screening);
 }

@@ -39,7 +39,7 @@ class ToyBody final : public TrajectoryModel {
             case kStiffness:
                 return {"stiffness", "mechanics", "load response", "modulus", "test", nullptr, 1, 1, false};
             case kGravity:
-                return {"gravity", "load", "constant", "tilt", "test", nullptr, 3, 1, false};
+                return {"gravity", "load", "steady load", "tilt", "test", nullptr, 3, 1, false};
             case kUnknownLoad:
                 return {"unknown_load",
                         "load",

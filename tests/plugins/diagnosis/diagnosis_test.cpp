@@ -333,6 +333,15 @@ TEST(Diagnosis, SensorBesideALargeMechanicalCauseIsNamed) {
     EXPECT_EQ(scene.names(*d), (Names{"registration", "stiffness"})) << listing(*d, *scene.effects);
 }
 
+// ... and a body that lies tilted by as little.
+TEST(Diagnosis, WeightBesideALargeMechanicalCauseIsNamed) {
+    const std::vector<double> soft{0.25}, tilt{0.075, -0.055, 0.09};
+    Scene scene({{test::ToyBody::kStiffness, soft}, {test::ToyBody::kGravity, tilt}}, {});
+    const auto d = scene.run();
+    ASSERT_TRUE(d) << d.error().text;
+    EXPECT_EQ(scene.names(*d), (Names{"gravity", "stiffness"})) << listing(*d, *scene.effects);
+}
+
 // A tool that comes in the frames kept for the end, behind an offset so large that the nominal fit does not see it: the
 // named offset fails there, so markers are held out instead and both are named.
 TEST(Diagnosis, LateEventBehindALargeOffsetIsNamed) {
