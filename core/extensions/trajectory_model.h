@@ -37,8 +37,8 @@ class TrajectoryModel : public EffectCatalogue {
     virtual double time_s(std::size_t frame) const noexcept = 0;
     /// The body has inertia: a frame follows from those before it, and every frame is played.
     virtual bool dynamic() const noexcept { return false; }
-    /// Until the next call only so many frames from the first are simulated, later ones repeat the last of them; 0:
-    /// all. For trial fits of a beginning; models without inertia may ignore it.
+    /// Until the next call only so many frames from the first are simulated, later ones repeat the last of them and do
+    /// not respond at first order; 0: all. For trial fits of a beginning; models without inertia may ignore it.
     virtual void set_horizon(std::size_t) noexcept {}
     virtual std::size_t num_markers() const noexcept = 0;
     virtual std::int32_t marker_id(std::size_t index) const noexcept = 0;

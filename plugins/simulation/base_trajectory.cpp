@@ -14,7 +14,7 @@ BaseTrajectory::BaseTrajectory(const Hypothesis& h) {
 }
 
 void BaseTrajectory::differentiate(const std::function<double(std::size_t frame)>& step_s) {
-    const std::size_t F = x.size();
+    const std::size_t F = num_played;
     if (F < 3) {
         v.assign(F, VectorXd::Zero(F > 0 ? x.front().size() : 0));
         a = v;
@@ -32,7 +32,7 @@ const BaseTrajectory::FrameState& BaseTrajectory::stresses_at(std::size_t frame,
     std::call_once(stresses_made_, [&] {
         stresses_.resize(x.size());
         std::vector<double> S, psi, F;
-        for (std::size_t f = 0; f < x.size(); ++f)
+        for (std::size_t f = 0; f < num_played; ++f)
             for (const auto& set : body.points()) {
                 elastic_stress(set, body.material(), x[f].data(), S, &psi, &F);
                 stresses_[f].push_back({{S.begin(), S.end()}, {psi.begin(), psi.end()}, {F.begin(), F.end()}});

@@ -37,7 +37,9 @@ struct BaseTrajectory {
     explicit BaseTrajectory(const Hypothesis& h);
 
     HypothesisPoint at;
-    std::vector<Eigen::VectorXd> x, v, a;         ///< per frame, 3N; v, a: dynamic
+    std::vector<Eigen::VectorXd> x;               ///< per frame, 3N
+    std::vector<Eigen::VectorXd> v, a;            ///< dynamic, of the frames played
+    std::size_t num_played = 0;                   ///< frames from the first; later ones repeat the last of them
     std::vector<std::int32_t> solved;             ///< frames in equilibrium; empty: all
     Eigen::MatrixXd marker_rest_m;                ///< per frame, what markers are off those of x; empty: nothing
     std::vector<Compliance> compliance;           ///< of a dynamic case: one, next to the mean state
@@ -49,7 +51,8 @@ struct BaseTrajectory {
 
     /// v and a by differences between frames: what frames cannot resolve is not looked at.
     void differentiate(const std::function<double(std::size_t frame)>& step_s);
-    /// Made for all frames when first asked for, by whoever asks: many hypotheses leave the body's material alone.
+    /// Made for all frames played when first asked for, by whoever asks: many hypotheses leave the body's material
+    /// alone.
     const FrameState& stresses_at(std::size_t frame, const Body& body);
 
   private:

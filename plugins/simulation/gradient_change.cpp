@@ -120,7 +120,7 @@ void GradientChange::visit(const std::vector<HypothesisPoint>& others, const Vis
     Coefficients base;
     ExternalActions actions;
     VectorXd dg;
-    for (std::size_t f = 0; f < player_.times().size(); ++f) {
+    for (std::size_t f = 0; f < base_.num_played; ++f) {
         enter_frame(h, f, base_memory, actions);
         const std::vector<ViscousBranch> viscosity = scene.viscosity;
         base.body_touched = scene.body_touched;

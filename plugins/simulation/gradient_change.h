@@ -30,7 +30,7 @@ class GradientChange {
     GradientChange(ScenePlayer& player, const std::vector<std::unique_ptr<Effect>>& effects, BaseTrajectory& base)
         : player_(player), effects_(effects), base_(base) {}
 
-    /// Frame by frame, every other hypothesis.
+    /// Frame by frame of those played, every other hypothesis.
     void visit(const std::vector<HypothesisPoint>& others, const Visitor& seen) const;
     /// The scene of a hypothesis at a frame of the base trajectory, with the memory it has there.
     void enter_frame(const Hypothesis& h, std::size_t frame, const ViscousMemory& memory,

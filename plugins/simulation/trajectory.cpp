@@ -122,6 +122,7 @@ TrajectoryReport Trajectory::play_all(const Hypothesis& h, std::span<double> mar
     std::vector<std::int32_t> frames(num_frames());
     std::iota(frames.begin(), frames.end(), 0);
     base_->x.assign(num_frames(), {});
+    base_->num_played = horizon_ > 0 ? std::min(horizon_, num_frames()) : num_frames();
     const auto keep = [&](std::size_t f, const double* x) {
         base_->x[f] = Eigen::Map<const VectorXd>(x, static_cast<Eigen::Index>(dofs));
     };
@@ -211,6 +212,7 @@ TrajectoryReport Trajectory::approximate(const Hypothesis& h, std::span<double> 
     if (!predicted || memory) return simulate(h, markers_m, {}, {});
     whole_ = std::exchange(base_, std::make_shared<BaseTrajectory>());
     base_ = std::make_shared<BaseTrajectory>(h);
+    base_->num_played = F;
     // Tangents stay those of solved frames: one between them is not in equilibrium and may be near singular.
     base_->compliance = whole_->compliance;
     base_->nearest = whole_->nearest;
@@ -278,7 +280,7 @@ MatrixXd Trajectory::motions_under(const Hypothesis& h) const {
                 out.middleRows<3>(3 * i) = free.middleRows<3>(3 * static_cast<Eigen::Index>(row));
         return out;
     };
-    const std::size_t F = num_frames();
+    const std::size_t F = base_->num_played;
     MatrixXd moved(dofs, static_cast<Eigen::Index>(F));
     for (std::size_t f = 0; f < F; ++f) moved.col(static_cast<Eigen::Index>(f)) = base_->x[f] - base_->x[0];
     const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(moved.transpose() * moved);
@@ -393,17 +395,17 @@ bool Trajectory::can_respond(bool points) const {
 bool Trajectory::prepare_modes(bool points) const {
     Scene& scene = player_->scene();
     const auto& pattern = player_->model().system().pattern();
-    const std::size_t num_frames = base_->x.size();
-    VectorXd mean = VectorXd::Zero(base_->x.front().size());
-    for (const VectorXd& x : base_->x) mean += x / static_cast<double>(num_frames);
+    const std::span<const VectorXd> played = std::span(base_->x).first(base_->num_played);
+    VectorXd mean = VectorXd::Zero(played.front().size());
+    for (const VectorXd& x : played) mean += x / static_cast<double>(played.size());
     // A mean of turned shapes is compressed and may buckle: the frame next to it does not.
-    const VectorXd& middle = *std::min_element(
-        base_->x.begin(), base_->x.end(),
-        [&](const VectorXd& a, const VectorXd& b) { return (a - mean).squaredNorm() < (b - mean).squaredNorm(); });
-    base_->nearest.assign(num_frames, 0);
+    const VectorXd& middle = *std::min_element(played.begin(), played.end(), [&](const VectorXd& a, const VectorXd& b) {
+        return (a - mean).squaredNorm() < (b - mean).squaredNorm();
+    });
+    base_->nearest.assign(base_->x.size(), 0);
     base_->compliance.resize(1);
     ExternalActions actions;
-    player_->enter(time_s(num_frames - 1), base_->at.hypothesis(), effects_, actions);  // without memory
+    player_->enter(time_s(played.size() - 1), base_->at.hypothesis(), effects_, actions);  // without memory
     prepare_compliance(actions, middle, points, base_->compliance.front());
     if (!factor_->factorised()) return false;
     VectorXd mass(pattern.num_rows());
@@ -440,6 +442,8 @@ bool Trajectory::first_order(std::span<const Hypothesis> others, std::span<doubl
     std::vector<HypothesisPoint> points;
     for (const Hypothesis& other : others) points.push_back(point_between(base_->at, other, kDerivativeStep, effects_));
     std::vector<ModalResponse::State> motion(others.size());
+    std::fill(markers_m.begin(), markers_m.end(), 0.0);
+    std::fill(points_m.begin(), points_m.end(), 0.0);
     const auto& pattern = player_->model().system().pattern();
     VectorXd force = VectorXd::Zero(pattern.num_rows()), dz, dp;
     about_base().visit(
