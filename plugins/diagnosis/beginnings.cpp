@@ -26,6 +26,13 @@ std::vector<EffectScreening> try_beginnings(Problem& problem, const Fit& base, S
         return fit_jointly(p.simulator, p.whitener, p.recording.observed, start,
                            {.max_iterations = iterations, .num_frames = p.recording.num_frames / share});
     };
+    // Steps of a fit are taken in motions about the last whole one: that of the base, whichever thread it is.
+    const auto follow_half = [&](Problem& p) {
+        if (p.simulator.starts_from(base.at)) return true;
+        const Horizon half(p.simulator, p.recording.num_frames / 2);
+        Eigen::VectorXd motion;
+        return p.simulator.simulate(base.at, motion);
+    };
     const double before = fit_first(problem, 2, base.at, 3).cost, nu = problem.options.calibration.nu;
     std::vector<EffectScreening*> tried;
     for (EffectScreening& effect : screening.effects)
@@ -36,6 +43,7 @@ std::vector<EffectScreening> try_beginnings(Problem& problem, const Fit& base, S
         EffectScreening& effect = *tried[k];
         effect.score = 0.0;
         if (p.out_of_time()) return;
+        if (!follow_half(p)) return;
         Assumption start = base.at;
         start.effects.push_back(effect.start);
         halve(p.simulator.effects()[effect.entry], start.effects.back());  // first order asks for too much

@@ -93,17 +93,22 @@ Assumption plus(Assumption at, const ActiveEffect& added) {
 }
 
 // A whole trajectory with the effect on. Where the body does not hold under what first order asks for, or is far
-// further off than without the effect, it is met half way: no descent leads back from another equilibrium. Nothing if
-// it does not hold, or is hopelessly far off.
+// further off than without the effect, it is met half way: no descent leads back from another equilibrium. With inertia
+// half of it, as the effect was tried on that (try_beginnings()), and how far it is off is a matter of phase. Nothing
+// if it does not hold, or is hopelessly far off.
 std::optional<Assumption> whole_start(Problem& problem, const Fit& without, const ActiveEffect& added) {
-    Assumption start = plus(near_prior(problem.simulator.mechanics(), without.at), added);
-    const EffectEntry& entry = problem.simulator.effects()[added.entry];
-    const bool line_search = !std::isfinite(problem.worst_start);
+    Simulator& simulator = problem.simulator;
+    Assumption start = plus(near_prior(simulator.mechanics(), without.at), added);
+    const EffectEntry& entry = simulator.effects()[added.entry];
+    const bool dynamic = simulator.mechanics().dynamic(), line_search = !std::isfinite(problem.worst_start);
+    const Horizon half(simulator, dynamic ? simulator.num_frames() / 2 : 0);
     for (int attempt = 0; !entry.sensor; ++attempt) {
         Eigen::VectorXd trajectory;
-        const bool holds = problem.simulator.simulate(start, trajectory);
+        const bool holds = simulator.simulate(start, trajectory);
+        if (!holds && attempt == kAttempts) return {};
+        if (holds && dynamic) break;
         const double left = holds ? problem.whitener(problem.residual_of(trajectory)).squaredNorm() : 0.0;
-        if (left > problem.worst_start || (!holds && attempt == kAttempts)) return {};
+        if (left > problem.worst_start) return {};
         if (holds && (left <= kFarOff * without.misfit || attempt == kAttempts || !line_search)) break;
         halve(entry, start.effects.back());
     }
@@ -150,7 +155,7 @@ Fit fit_with(Problem& problem, const Fit& without, bool further, const ActiveEff
         const double before = fit.cost;
         improve_shapes(problem.simulator, problem.whitener, problem.recording.observed, fit);
         if (fit.cost > kImproved * before || fit.cost < problem.floor.total() || problem.out_of_time()) break;
-        Fit again = problem.fit(fit.at, iterations);
+        Fit again = problem.fit_on(fit.at, iterations);
         if (again.usable && again.cost < fit.cost) fit = std::move(again);
     }
     return fit;
@@ -249,8 +254,8 @@ void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause)
 
 Fit fit_from_whole(Problem& problem, const Assumption& start, int iterations) {
     Eigen::VectorXd trajectory;
-    if (!problem.simulator.mechanics().dynamic() && !problem.simulator.simulate(start, trajectory)) return {};
-    return problem.fit(start, iterations);
+    if (!problem.simulator.simulate(start, trajectory)) return {};
+    return problem.fit_on(start, iterations);
 }
 
 Fit fit_from_full_size(Problem& problem, const Assumption& start, int iterations) {

@@ -28,9 +28,9 @@ bool at_full_size(const Problem& problem, const EffectEntry& entry);
 /// not seen by first order. From first order where no body holds so.
 Cause refit_torn(Problem& problem, const Fit& nominal, const EffectScreening& added, int iterations);
 
-/// A fit that begins with every frame of a static recording solved, one after the other: a body may have several
-/// equilibria, and the one that another hypothesis leads to need not be that of its course. Not usable if that does not
-/// converge.
+/// A fit of the whole recording that begins with every frame solved, one after the other: a body may have several
+/// equilibria, and the one that another hypothesis leads to need not be that of its course; with inertia the motions
+/// that its steps move in are those about this course. Not usable if that does not converge.
 Fit fit_from_whole(Problem& problem, const Assumption& start, int iterations);
 
 /// The same from where an effect acts at full size, about the instant and the shape that leave the least.

@@ -62,20 +62,6 @@ Eigen::VectorXd mechanical_coordinates(const Simulator& simulator, const FitSpac
     return moves;
 }
 
-// Only so many frames from the first while a fit looks at them alone.
-class Horizon {
-  public:
-    Horizon(Simulator& simulator, std::size_t num_frames) : simulator_(simulator) {
-        simulator_.set_horizon(num_frames);
-    }
-    ~Horizon() { simulator_.set_horizon(0); }
-    Horizon(const Horizon&) = delete;
-    Horizon& operator=(const Horizon&) = delete;
-
-  private:
-    Simulator& simulator_;
-};
-
 // A quarter of the recording, half of it, all of it: each fit starts where the one before ended.
 Fit fit_growing(Simulator& simulator, const Whitener& whitener, const Eigen::VectorXd& observed,
                 const Assumption& start, FitOptions options) {

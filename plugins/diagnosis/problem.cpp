@@ -74,8 +74,9 @@ Fit nominal_fit(Problem& problem, const Assumption& start) {
                                                     std::pow(problem.options.calibration.white_floor_m, 2)))
         problem.recording.hold_out_markers(fit.trajectory);
     reweigh(fit.trajectory);
-    problem.complete(fit);          // the frames between follow from a whole trajectory nearby
-    fit = problem.fit(fit.at, 10);  // without weights: causes are compared with the best that the nominal model can do
+    problem.complete(fit);  // the frames between follow from a whole trajectory nearby
+    // Without weights: causes are compared with the best that the nominal model can do.
+    fit = problem.fit_on(fit.at, 10);
     problem.complete(fit);
     problem.look_ahead(fit);
     problem.floor = error_floor(problem.whitener, problem.discrepancy, fit.J, problem.recording.noise_m,

@@ -60,13 +60,20 @@ struct Problem {
     double worst_start = std::numeric_limits<double>::infinity();  ///< misfit: a refit that begins beyond is not made
 
     Fit fit(const Assumption& start, int iterations, bool robust = false) {
-        return fit_jointly(
-            simulator, whitener, recording.observed, start,
-            {.max_iterations = iterations,
-             .growing = simulator.mechanics().dynamic(),
-             .hopeless = [this](const Eigen::VectorXd& residual, double misfit) { return hopeless(residual, misfit); },
-             .limit = limit,
-             .robust = robust});
+        return fit_jointly(simulator, whitener, recording.observed, start,
+                           {.max_iterations = iterations,
+                            .growing = simulator.mechanics().dynamic(),
+                            .hopeless = hopeless_now(),
+                            .limit = limit,
+                            .robust = robust});
+    }
+    /// From where a fit of the whole recording ended: its beginning is not fitted before it.
+    Fit fit_on(const Assumption& from, int iterations) {
+        return fit_jointly(simulator, whitener, recording.observed, from,
+                           {.max_iterations = iterations, .hopeless = hopeless_now(), .limit = limit});
+    }
+    std::function<bool(const Eigen::VectorXd& residual, double misfit)> hopeless_now() const {
+        return [this](const Eigen::VectorXd& residual, double misfit) { return hopeless(residual, misfit); };
     }
     /// Whether what leaves `residual` now will be of no use at this misfit.
     bool hopeless(const Eigen::VectorXd& residual, double misfit) const {

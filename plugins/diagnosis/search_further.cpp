@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
+#include <string_view>
 
 #include "plugins/diagnosis/form_columns.h"
 #include "plugins/diagnosis/search.h"
@@ -11,9 +13,9 @@ namespace {
 
 constexpr int kIterations = 6;
 constexpr double kFarBehind = 15.0;      // nats: no rival any more
-constexpr std::size_t kRivals = 4;       // of a set, with it, that get what it gained
+constexpr std::size_t kRivals = 3;       // of a set that get what it gained
 constexpr double kCloseBehind = 5.0;     // nats: hardly told apart, without inertia ...
-constexpr std::size_t kCloseRivals = 3;  // ... of these, with the set itself
+constexpr std::size_t kCloseRivals = 2;  // ... of these
 constexpr double kMostAlone = 0.5;       // explained by a sensor effect that may be half of a pair
 constexpr double kHardlyLess = 0.9;      // of what is left without the second effect
 constexpr double kVeryMuch = 5.0;        // times what noise and model error explain
@@ -92,14 +94,12 @@ EffectScreening taken_from(const Cause& cause, std::size_t entry, double search_
     return effect;
 }
 
-bool same_effects(const Cause& cause, std::vector<std::size_t> entries) {
-    std::vector<std::size_t> own = cause.entries;
-    std::sort(own.begin(), own.end());
+std::vector<std::size_t> set_of(std::vector<std::size_t> entries) {
     std::sort(entries.begin(), entries.end());
-    return own == entries;
+    return entries;
 }
 
-// Which sets get what one of them gained: so many at most, no more nats behind the best than that.
+// Which sets get what one of them gained: so many at most that have not got it, no more nats behind the best than that.
 struct Rivals {
     std::size_t effects;  ///< of each set
     std::size_t most;
@@ -115,44 +115,54 @@ void give_to_rivals(Problem& problem, const Fit& nominal, const std::vector<Effe
         if (cause.fit.usable && cause.entries.size() == which.effects) rivals.push_back(&cause);
     std::sort(rivals.begin(), rivals.end(), [](const Cause* a, const Cause* b) { return a->score > b->score; });
     std::erase_if(rivals, [&](const Cause* r) { return r->score < rivals.front()->score - which.behind_nats; });
-    rivals.resize(std::min(rivals.size(), which.most));
     struct Trial {
         const Cause* known;
         const EffectScreening* added;
     };
     std::vector<Trial> trials;
-    for (const Cause* rival : rivals)
-        for (const EffectScreening& gift : gifts) {
-            std::vector<std::size_t> entries = rival->entries;
-            entries.push_back(gift.entry);
-            if (!contains(*rival, gift.entry) &&
-                std::none_of(causes.begin(), causes.end(), [&](const Cause& c) { return same_effects(c, entries); }))
-                trials.push_back({rival, &gift});
+    std::set<std::vector<std::size_t>> known;  // fitted, or to be
+    for (const Cause& cause : causes) known.insert(set_of(cause.entries));
+    for (const EffectScreening& gift : gifts) {
+        std::size_t given = 0;
+        for (const Cause* rival : rivals) {
+            if (given == which.most || contains(*rival, gift.entry)) continue;
+            std::vector<std::size_t> larger = rival->entries;
+            larger.push_back(gift.entry);
+            if (!known.insert(set_of(std::move(larger))).second) continue;
+            trials.push_back({rival, &gift});
+            ++given;
         }
+    }
     if (trials.empty()) return;
     const auto report = stage(problem.options, "trying the last effect with rivals");
     report(0.0);
+    double best = 0.0;
+    for (const Cause& cause : causes) best = std::max(best, cause.score);
     std::vector<Cause> larger(trials.size());
     side_by_side(problem, trials.size(), [&](Problem& p, std::size_t k) {
         if (p.out_of_time()) return;
         larger[k] = refit(p, nominal, trials[k].known, *trials[k].added, kIterations);
         if (!larger[k].fit.usable) return;
-        settle(p, larger[k], kIterations);
         const Fit& alone = trials[k].known->fit;
         const Whitener looser = looser_whitener(p, alone);
         const Base base{*trials[k].known, looser, alone, left_under(p, looser, alone, nominal.u.size())};
         score(p, nominal, &base, larger[k]);
+        if (larger[k].score >= best - kFarBehind) {
+            settle(p, larger[k], kIterations);
+            score(p, nominal, &base, larger[k]);
+        }
         if (&p == &problem) report(static_cast<double>(k + 1) / static_cast<double>(trials.size()));
     });
     std::erase_if(larger, [](const Cause& cause) { return !cause.fit.usable; });
     add(causes, std::move(larger));
 }
 
-// The single effect next to the best one, or null.
-const Cause* runner_up(const std::vector<Cause>& causes, const Cause& best) {
+// The single effect next to the best one, of another family as what is of one stands for the same; or null.
+const Cause* runner_up(const EffectTable& effects, const std::vector<Cause>& causes, const Cause& best) {
+    const auto family = [&](const Cause& cause) { return std::string_view(effects[cause.entries[0]].info.family); };
     const Cause* next = nullptr;
     for (const Cause& cause : causes)
-        if (cause.fit.usable && cause.entries.size() == 1 && cause.entries != best.entries &&
+        if (cause.fit.usable && cause.entries.size() == 1 && family(cause) != family(best) &&
             cause.score > best.score - kFarBehind && (next == nullptr || cause.score > next->score))
             next = &cause;
     return next;
@@ -208,7 +218,7 @@ void search_with_inertia(Problem& problem, const Fit& nominal, const Cause& base
         return done;
     };
     const bool single = base.entries.size() == 1, done = search_from(base);
-    const Cause* next = single && !done ? runner_up(causes, base) : nullptr;
+    const Cause* next = single && !done ? runner_up(problem.simulator.effects(), causes, base) : nullptr;
     if (next != nullptr && !problem.out_of_time()) search_from(Cause(*next));
     if (!best.fit.usable || problem.out_of_time()) return;
     const std::size_t first = best.entries.front();

@@ -64,6 +64,7 @@ bool Simulator::simulate(const Assumption& assumption, Eigen::VectorXd& observed
                             points_m != nullptr ? std::span<double>(*points_m) : std::span<double>(),
                             nodes_m != nullptr ? std::span<double>(*nodes_m) : std::span<double>());
     every_frame_ = true;
+    whole_ = assumption;
     return keep(assumption, report, observed);
 }
 

@@ -4,6 +4,7 @@
 
 #include <Eigen/Dense>
 #include <functional>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -50,6 +51,8 @@ class Simulator {
     Eigen::MatrixXd responses(const std::vector<Assumption>& others, const Progress& progress = {});
     /// Factor on the stated noise.
     double noise_factor(const Assumption& assumption) const;
+    /// Whether approximate() starts from what simulate() made of these mechanics, be it of a shorter horizon.
+    bool starts_from(const Assumption& assumption) const { return whole_ && same_mechanics(*whole_, assumption); }
     /// Assumption of the last trajectory.
     const Assumption& base() const { return base_; }
 
@@ -67,9 +70,24 @@ class Simulator {
     std::vector<double> times_;
     std::size_t horizon_ = 0;
     Assumption base_;
-    bool every_frame_ = false;  // of the base was simulated
+    std::optional<Assumption> whole_;  // of the last simulate()
+    bool every_frame_ = false;         // of the base was simulated
     TrajectoryReport base_report_;
     Eigen::VectorXd base_true_, base_observed_;
+};
+
+/// While it lives, only so many frames from the first are simulated; 0: all.
+class Horizon {
+  public:
+    Horizon(Simulator& simulator, std::size_t num_frames) : simulator_(simulator) {
+        simulator_.set_horizon(num_frames);
+    }
+    ~Horizon() { simulator_.set_horizon(0); }
+    Horizon(const Horizon&) = delete;
+    Horizon& operator=(const Horizon&) = delete;
+
+  private:
+    Simulator& simulator_;
 };
 
 }  // namespace teres

@@ -103,6 +103,21 @@ TEST_F(SearchFurtherWithInertia, RivalsOfASingleEffectGetWhatItGained) {
               (std::vector<std::size_t>{modulus_, gravity_}));
 }
 
+// The law and the modulus are of one family: after the law the search goes on from the tool, though it is behind.
+TEST_F(SearchFurtherWithInertia, TheSearchGoesOnFromAnotherFamily) {
+    const std::vector<double> pull{0.6, -0.5, 0.7, 0.06, 0.05, 0.0};
+    observe({{Toy::kUnknownLoad, pull}});
+    std::vector<Cause> causes{fitted({law_}, 21.0), fitted({modulus_}, 20.0), fitted({tool_}, 15.0)};
+    Screening screening;
+    EXPECT_TRUE(search_further(*problem_, nominal_, screening, causes));
+    const auto begins_with = [&](std::size_t entry) {
+        return std::count_if(causes.begin(), causes.end(),
+                             [&](const Cause& c) { return c.entries.size() == 2 && c.entries.front() == entry; });
+    };
+    EXPECT_GT(begins_with(tool_), 0);
+    EXPECT_EQ(begins_with(modulus_), 0);
+}
+
 // A softer, tilted plate without inertia: the law and the tilt leave no more than the model may be off, and the search
 // ends with them. The modulus alone is hardly behind the law alone and gets the tilt as well; what is far behind does
 // not.
