@@ -293,6 +293,7 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
         if (!fails(out.named()) && !problem.floor.explains(left_of(nominal)) && !problem.out_of_time() &&
             look_again(problem, nominal, out.screening, causes))
             add_effects(problem, nominal, out.screening, causes);
+        weigh_forms(problem, nominal, causes);
         weigh_state(problem, nominal, causes);
         out.verdict = judge_now(problem, nominal, causes);
     }

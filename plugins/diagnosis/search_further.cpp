@@ -291,6 +291,16 @@ std::optional<Cause> without_trace(Problem& problem, const Fit& nominal, const C
     return fitted_from(problem, nominal, known, at, kIterations);
 }
 
+void weigh_forms(Problem& problem, const Fit& nominal, std::vector<Cause>& causes) {
+    const auto best = std::max_element(causes.begin(), causes.end(),
+                                       [](const Cause& a, const Cause& b) { return a.score < b.score; });
+    if (best == causes.end() || !best->fit.usable || best->score <= 0.0 || best->misfit_beside_forms ||
+        problem.simulator.mechanics().dynamic() || problem.out_of_time() || suffices(problem, *best))
+        return;
+    best->misfit_beside_forms =
+        left_under(problem, looser_whitener(problem, best->fit), best->fit, nominal.u.size()).cost;
+}
+
 bool search_further(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes) {
     const double best_before = causes.front().score;
     // Where no single effect pays, the pair begins with the one that explains most.

@@ -18,4 +18,8 @@ bool search_further(Problem& problem, const Fit& nominal, const Screening& scree
 /// set seems to gain is a better fit of that. Nothing for other sets.
 std::optional<Cause> without_trace(Problem& problem, const Fit& nominal, const Cause& known, const Cause& larger);
 
+/// What looser forms of the best set would explain besides (Cause::misfit_beside_forms), if nothing was searched on top
+/// of it and it leaves more than noise and model error explain. Of recordings without inertia.
+void weigh_forms(Problem& problem, const Fit& nominal, std::vector<Cause>& causes);
+
 }  // namespace teres

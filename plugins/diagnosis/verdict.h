@@ -55,7 +55,7 @@ struct Cause {
     double search_cost = 0.0;  ///< sum over its effects
     double misfit = 0.0;       ///< of a fitted cause: whitened cost without the price of its amplitudes
     /// The same where what its effects may get wrong of their form is not held against it (form_columns.h): known if
-    /// more was searched on top of it.
+    /// more was searched on top of it, and of the best.
     std::optional<double> misfit_beside_forms{};
     /// Model part of the error floor in the state that the body is in under it, if it was asked for.
     std::optional<double> model_error{};

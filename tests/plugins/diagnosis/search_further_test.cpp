@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <numbers>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -281,6 +283,40 @@ TEST_F(SearchFurther, WhatIsHardlyThereIsTakenBack) {
     EXPECT_LT(better->misfit, 0.1 * known.fit.misfit);
     tilt.values = {0.0, 0.0, 0.4};
     EXPECT_FALSE(without_trace(*problem_, nominal_, known, fitted({modulus, tilt})));
+}
+
+// A softer plate at which another tool pulls that wavers by 15 %: the pair leaves that, and another form of the pull
+// would not. What leaves no more than noise and model error explain needs no other form.
+TEST_F(SearchFurther, WhatOtherFormsOfAPairExplainIsTold) {
+    const EffectTable effects(body_, nullptr, {});
+    const std::vector<double> soft{0.6}, pull{0.9, -0.8, 1.0, 0.06, 0.05, 0.0};
+    body_.known_supports = true;
+    const std::vector<EffectInstance> modulus{{Toy::kStiffness, soft}},
+        both{{Toy::kStiffness, soft}, {Toy::kUnknownLoad, pull}};
+    std::vector<double> observed = body_.motion({{}, both});
+    const std::vector<double> without = body_.motion({{}, modulus});
+    const std::size_t channels = 3 * test::kToyMarkers;
+    for (std::size_t row = 0; row < observed.size(); ++row)
+        observed[row] += 0.15 * std::cos(std::numbers::pi * static_cast<double>(row / channels) / test::kToyFrames) *
+                         (observed[row] - without[row]);
+    pose(observed, effects, nullptr);
+    problem_->floor = {count(), 1e-4 * nominal_.misfit};
+    Cause pair;
+    pair.entries = {effects.find("stiffness"), effects.find("unknown_load")};
+    pair =
+        fitted_from(*problem_, nominal_, std::move(pair), {{}, {{pair.entries[0], soft}, {pair.entries[1], pull}}}, 8);
+    ASSERT_TRUE(pair.fit.usable);
+    for (const bool enough : {true, false}) {
+        problem_->floor.model = (enough ? 1.1 : 0.01) * pair.fit.compared_cost();
+        problem_->floor.noise = 0.0;
+        std::vector<Cause> causes{pair};
+        causes.front().score = 1.0;
+        weigh_forms(*problem_, nominal_, causes);
+        ASSERT_EQ(causes.front().misfit_beside_forms.has_value(), !enough);
+        if (!enough) {
+            EXPECT_LT(*causes.front().misfit_beside_forms, 0.3 * pair.misfit);
+        }
+    }
 }
 
 }  // namespace
