@@ -327,6 +327,12 @@ const Cause* fitted_alone(const std::vector<Cause>& causes, std::size_t entry) {
     return found != causes.end() ? &*found : nullptr;
 }
 
+double best_score(const std::vector<Cause>& causes) {
+    double best = 0.0;
+    for (const Cause& cause : causes) best = std::max(best, cause.score);
+    return best;
+}
+
 void sort_by_score(std::vector<Cause>& causes) {
     std::stable_sort(causes.begin(), causes.end(), [](const Cause& a, const Cause& b) { return a.score > b.score; });
 }

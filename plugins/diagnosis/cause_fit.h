@@ -65,6 +65,9 @@ void keep_better(std::vector<Cause>& causes, Cause cause);
 /// The fitted cause that consists of this effect alone, or null.
 const Cause* fitted_alone(const std::vector<Cause>& causes, std::size_t entry);
 
+/// Of the best; 0 if none has more.
+double best_score(const std::vector<Cause>& causes);
+
 /// Best score first.
 void sort_by_score(std::vector<Cause>& causes);
 

@@ -136,8 +136,7 @@ void give_to_rivals(Problem& problem, const Fit& nominal, const std::vector<Effe
     if (trials.empty()) return;
     const auto report = stage(problem.options, "trying the last effect with rivals");
     report(0.0);
-    double best = 0.0;
-    for (const Cause& cause : causes) best = std::max(best, cause.score);
+    const double best = best_score(causes);
     std::vector<Cause> larger(trials.size());
     side_by_side(problem, trials.size(), [&](Problem& p, std::size_t k) {
         if (p.out_of_time()) return;

@@ -54,9 +54,7 @@ std::vector<Cause*> worth_finishing(const Problem& problem, const std::vector<Ca
 Reach reach_of_best(const Problem& problem, const Fit& nominal, const std::vector<Cause>& causes,
                     const EffectEntry& added, double search_cost) {
     if (problem.outlook != nullptr) return {};  // what is left later is not known
-    double best = 0.0;
-    for (const Cause& cause : causes) best = std::max(best, cause.score);
-    const double gain = best - kOutOfReach + search_cost;
+    const double gain = best_score(causes) - kOutOfReach + search_cost;
     return {.log_above = problem.floor.log_above(left_of(nominal)) - 2.0 * gain / problem.options.calibration.nu,
             .any_course = added.info.event};
 }
