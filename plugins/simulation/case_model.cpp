@@ -137,10 +137,11 @@ Result<std::unique_ptr<CaseModel>> CaseModel::make(const Case& c, const CaseMode
     m->max_lanes_ = static_cast<std::size_t>(settings.max_lanes);
     m->system_ = std::make_unique<MechanicalSystem>(std::move(parts));
     m->solver_ = std::make_unique<EquilibriumSolver>(*m->system_, settings.equilibrium, m->max_lanes_);
-    m->stepper_ = std::make_unique<TimeStepper>(
-        *m->system_, *m->solver_,
-        TimeStepSettings{m->scheme_, settings.spectral_radius, body.rayleigh_mass_1_s, body.rayleigh_stiffness_s},
-        m->max_lanes_);
+    m->stepper_ =
+        std::make_unique<TimeStepper>(*m->system_, *m->solver_,
+                                      TimeStepSettings{m->scheme_, settings.spectral_radius, body.rayleigh_mass_1_s,
+                                                       body.rayleigh_stiffness_s, settings.max_step_s},
+                                      m->max_lanes_);
     const std::size_t stride = padded_lanes(m->max_lanes_);
     m->motion_.assign(3 * m->num_nodes(), 0.0);
     m->motion_before_ = m->motion_;

@@ -28,6 +28,7 @@ struct CaseModelSettings {
     EquilibriumSettings equilibrium;
     std::string integrator = "auto";  ///< auto (of the case), quasi_static, implicit_euler, generalised_alpha
     double spectral_radius = 0.9;     ///< of generalised alpha at infinite frequency
+    double max_step_s = 0.0025;       ///< of dynamic cases; frames further apart are walked in parts
     int max_lanes = 40;
     int threads = 2;  ///< that share a step; results depend on it in the last bits
 };

@@ -142,16 +142,21 @@ bool EquilibriumSolver::factorise(const ExternalActions& actions, const Batch& b
     });
 }
 
+// A body with inertia has moved on until a renewal is taken over: its metric is made anew at once.
+bool EquilibriumSolver::renews_in_background(const Inertia& inertia) const noexcept {
+    return w_->renewal != nullptr && inertia.coefficient == 0.0;
+}
+
 // Takes over a renewal that is old enough; begins one when iterations grow.
 void EquilibriumSolver::follow_renewal(const ExternalActions& actions, const Batch& batch,
                                        EquilibriumReport& report) noexcept {
     auto& w = *w_;
-    if (!w.renewal || batch.inertia.damping != nullptr) return;
+    if (!renews_in_background(batch.inertia)) return;
     if (w.renewal->running() && ++w.renewal_age >= settings_.renewal_steps) {
         if (w.renewal->take(w.metric, report.factorisations)) w.history.start(0, 0);
     } else if (!w.renewal->running() && report.iterations > settings_.renew_after) {
         mean_state(batch);
-        w.renewal->begin(actions, batch.inertia.coefficient, w.lane_theta.data(), w.positions);
+        w.renewal->begin(actions, w.lane_theta.data(), w.positions);
         w.renewal_age = 0;
     }
 }
@@ -245,8 +250,7 @@ void EquilibriumSolver::iterate(const ExternalActions& actions, const Batch& bat
         }
     }
     report.iterations += iteration;
-    const bool renewed_in_background = w.renewal && inertia.damping == nullptr;
-    w.stale = !renewed_in_background && iteration > settings_.refactorise_after;
+    w.stale = !renews_in_background(inertia) && iteration > settings_.refactorise_after;
     for (std::size_t l = 0; l < lanes; ++l)
         if (!w.active[l]) report.relative_residual = std::max(report.relative_residual, w.norm[l] / scale);
 }

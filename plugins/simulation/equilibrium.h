@@ -5,7 +5,8 @@
 //     by successive calls (metric_solver.h), corrected for each lane's own parameters (group_correction.h)
 // All lanes go through the mesh and the factor together. The metric is in single precision, potential,
 // residual and positions in double. When iterations grow, K is factorised again in the background
-// (shared_metric.h); a lane that still does not converge is finished by plain Newton with its own tangent.
+// (shared_metric.h), with inertia at once; a lane that still does not converge is finished by plain Newton
+// with its own tangent.
 // Nocedal & Wright, Numerical Optimization, algorithms 7.4 and 3.1; Liu, Bouaziz, Kavan, ToG 36(3), 2017.
 #pragma once
 
@@ -82,6 +83,7 @@ class EquilibriumSolver {
     };
     void iterate(const ExternalActions&, const Batch&, EquilibriumReport&) noexcept;
     void mean_state(const Batch&) noexcept;
+    bool renews_in_background(const Inertia&) const noexcept;
     void follow_renewal(const ExternalActions&, const Batch&, EquilibriumReport&) noexcept;
     void line_search(const ExternalActions&, const Batch&) noexcept;
     double force_scale(const ExternalActions&) const noexcept;

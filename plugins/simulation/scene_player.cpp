@@ -230,8 +230,7 @@ TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::u
                 guess(f, state_.data());
             }
             const double length = step_s(f), to = times_[f];
-            const int parts =
-                dynamic ? std::max(1, static_cast<int>(std::ceil(length / settings_.max_step_s - 1e-9))) : 1;
+            const int parts = dynamic ? parts_of_step(length, settings_.model.max_step_s) : 1;
             for (int k = 0; k < parts; ++k) {
                 const StepResult r =
                     step(to - length + length * k / parts, to - length + length * (k + 1) / parts, h, effects);

@@ -14,7 +14,6 @@ namespace teres {
 
 struct PlayerSettings {
     CaseModelSettings model;
-    double max_step_s = 0.0025;      ///< of dynamic cases; frames further apart are played in substeps
     double most_failed_share = 0.1;  ///< of the frames; a trajectory with more that do not converge is given up
     int most_failed_in_a_row = 2;    ///< ... or with more than these one after another
     int num_frames = 0;              ///< only so many from the first; 0: all

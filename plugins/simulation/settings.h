@@ -75,8 +75,8 @@ struct SimulationSettings {
               "a step ends when |residual| <= this * |applied force|");
         field("max_iterations", max_iterations, {1, 1000}, "quasi-Newton iterations before plain Newton takes over");
         field("refactorise_after", refactorise_after, {1, 1000},
-              "without renewals in the background: a step with more iterations has the tangent factorised anew before "
-              "the next one");
+              "with inertia, or without renewals in the background: a step with more iterations has the tangent "
+              "factorised anew before the next one");
         field("renew_after", renew_after, {0, 1000},
               "a step with more iterations has the tangent factorised anew in the background");
         field("renewal_steps", renewal_steps, {0, 1000},
@@ -97,7 +97,8 @@ struct SimulationSettings {
               "offer whole recordings under hypotheses too (teres.trajectory_model); memory of 0.1-0.5 GB");
         field("trajectory_residual", trajectory_residual, {1e-12, 1e-2},
               "trajectories: a step ends when |residual| <= this * |applied force|");
-        field("max_step_s", max_step_s, {1e-5, 1.0}, "trajectories of dynamic cases: longest time step");
+        field("max_step_s", max_step_s, {1e-5, 1.0},
+              "dynamic cases: longest time step; frames further apart are walked in parts");
         field("trajectory_frames", trajectory_frames, {0, 1000000},
               "trajectories: only so many frames from the first; 0: all");
     }
@@ -117,7 +118,6 @@ struct SimulationSettings {
     PlayerSettings player_settings() const {
         PlayerSettings p;
         p.model = model_settings();
-        p.max_step_s = max_step_s;
         p.num_frames = trajectory_frames;
         p.model.equilibrium.relative_residual = trajectory_residual;
         p.model.equilibrium.min_iterations = 2;
@@ -153,6 +153,7 @@ struct SimulationSettings {
         m.equilibrium.plain_newton = plain_newton;
         m.integrator = integrator;
         m.spectral_radius = spectral_radius;
+        m.max_step_s = max_step_s;
         m.max_lanes = max_lanes;
         m.threads = threads;
         return m;

@@ -65,10 +65,8 @@ MetricRenewal::~MetricRenewal() {
     thread_.join();
 }
 
-void MetricRenewal::begin(const ExternalActions& actions, double inertia_coefficient, const double* theta,
-                          const Positions& x) {
+void MetricRenewal::begin(const ExternalActions& actions, const double* theta, const Positions& x) {
     actions_ = actions;
-    inertia_.coefficient = inertia_coefficient;
     std::copy_n(theta, theta_.size(), theta_.begin());
     x_ = x;
     running_ = true;
@@ -117,7 +115,7 @@ void MetricRenewal::work() {
         wanted_ = false;
         lock.unlock();
         factorisations_ = 0;
-        ok_ = spare_->read(actions_, inertia_, 0, theta_.data(), x_);
+        ok_ = spare_->read(actions_, {}, 0, theta_.data(), x_);
         lock.lock();
         read_ = true;
         lock.unlock();

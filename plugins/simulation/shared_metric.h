@@ -57,7 +57,7 @@ class MetricRenewal {
 
     bool running() const { return running_; }
     /// [loop] Begins a renewal at this state (copied).
-    void begin(const ExternalActions& actions, double inertia_coefficient, const double* theta, const Positions& x);
+    void begin(const ExternalActions& actions, const double* theta, const Positions& x);
     /// [loop] The system is about to change: waits until the thread has read it. What it makes of it is not taken over.
     void release_system();
     /// [loop] Waits for it and exchanges it for `metric` if it succeeded.
@@ -70,7 +70,6 @@ class MetricRenewal {
     std::unique_ptr<SharedMetric> spare_;
     TaskTeam alone_;
     ExternalActions actions_;
-    Inertia inertia_;
     std::vector<double> theta_;
     Positions x_;
     bool running_ = false, ok_ = false, outdated_ = false;

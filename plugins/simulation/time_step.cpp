@@ -6,7 +6,9 @@
 namespace teres {
 
 namespace {
-constexpr double kSameStep = 0.01;  // steps that differ by less share a factorisation: it only steers the solver
+constexpr double kSameStep = 0.01;    // steps that differ by less share a factorisation: it only steers the solver
+constexpr double kWholeParts = 1e-9;  // of a part: rounding of a step that is a multiple of the longest
+constexpr double kMostParts = 1000;   // after a pause of a live stream: the loop goes on
 }  // namespace
 
 std::size_t state_blocks(TimeScheme scheme) {
@@ -19,6 +21,10 @@ std::size_t state_blocks(TimeScheme scheme) {
             return 3;
     }
     return 1;
+}
+
+int parts_of_step(double length_s, double longest_s) {
+    return static_cast<int>(std::clamp(std::ceil(length_s / longest_s - kWholeParts), 1.0, kMostParts));
 }
 
 TimeStepper::TimeStepper(const MechanicalSystem& system, EquilibriumSolver& solver, TimeStepSettings settings,
@@ -43,6 +49,28 @@ double TimeStepper::alpha_f() const {
 
 EquilibriumReport TimeStepper::step(const ExternalActions& actions, double h, const double* theta, double* state,
                                     std::size_t lanes) noexcept {
+    const bool dynamic = settings_.scheme != TimeScheme::kQuasiStatic;
+    const int parts = dynamic ? parts_of_step(h, settings_.max_step_s) : 1;
+    if (parts == 1) return step_at_once(actions, h, theta, state, lanes);
+    at_part_ = actions;
+    first_force_n_ = last_force_n_.size() == actions.force_n.size() ? last_force_n_ : actions.force_n;
+    EquilibriumReport report;
+    report.lanes_converged = static_cast<int>(lanes);
+    for (int k = 1; k <= parts; ++k) {
+        at_part_.force_n = first_force_n_ + static_cast<double>(k) / parts * (actions.force_n - first_force_n_);
+        const EquilibriumReport part = step_at_once(at_part_, h / parts, theta, state, lanes);
+        report.lanes_converged = std::min(report.lanes_converged, part.lanes_converged);
+        report.iterations = std::max(report.iterations, part.iterations);
+        report.newton_lanes = std::max(report.newton_lanes, part.newton_lanes);
+        report.newton_steps += part.newton_steps;
+        report.factorisations += part.factorisations;
+        report.relative_residual = std::max(report.relative_residual, part.relative_residual);
+    }
+    return report;
+}
+
+EquilibriumReport TimeStepper::step_at_once(const ExternalActions& actions, double h, const double* theta,
+                                            double* state, std::size_t lanes) noexcept {
     const std::size_t stride = padded_lanes(lanes), size = 3 * system_.num_nodes() * stride;
     double* x = state;
     double* v = state + size;

@@ -13,6 +13,7 @@
 #pragma once
 
 #include <cstddef>
+#include <limits>
 #include <vector>
 
 #include "plugins/simulation/equilibrium.h"
@@ -23,11 +24,17 @@ namespace teres {
 
 enum class TimeScheme { kQuasiStatic, kImplicitEuler, kGeneralisedAlpha };
 
+/// Equal parts that a step is walked in, none longer than `longest_s`; 1000 at most, so that a pause cannot hold up a
+/// loop.
+int parts_of_step(double length_s, double longest_s);
+
 struct TimeStepSettings {
     TimeScheme scheme = TimeScheme::kGeneralisedAlpha;
     double spectral_radius = 0.9;
     double rayleigh_mass_1_s = 0.0;
     double rayleigh_stiffness_s = 0.0;
+    /// Longer steps are walked in equal parts: generalised alpha gains energy where a body swings far in one step.
+    double max_step_s = std::numeric_limits<double>::infinity();
 };
 
 /// Blocks of state rows: positions, velocities (dynamic), accelerations (generalised alpha).
@@ -40,7 +47,7 @@ class TimeStepper {
                 std::size_t max_lanes);
 
     /// [loop] state: batch layout, state_blocks * 3N rows; advanced by dt_s under the actions at the end of
-    /// the step.
+    /// the step; dead loads change evenly during it.
     EquilibriumReport step(const ExternalActions& actions, double dt_s, const double* theta, double* state,
                            std::size_t lanes) noexcept;
 
@@ -54,13 +61,16 @@ class TimeStepper {
     double alpha_f() const;
 
   private:
+    EquilibriumReport step_at_once(const ExternalActions& actions, double dt_s, const double* theta, double* state,
+                                   std::size_t lanes) noexcept;
+
     const MechanicalSystem& system_;
     EquilibriumSolver& solver_;
     TimeStepSettings settings_;
     SubspaceSolver* subspace_ = nullptr;
     double last_dt_s_ = 0.0;
-    ExternalActions at_alpha_;
-    Eigen::VectorXd last_force_n_;
+    ExternalActions at_alpha_, at_part_;
+    Eigen::VectorXd first_force_n_, last_force_n_;
     std::vector<double> target_, y_, velocity_target_;
     StiffnessDamping damping_;
     Positions positions_;

@@ -157,6 +157,7 @@ double axial_period(const std::string& integrator, double dt, double& amplitude_
     CaseModelSettings s;
     s.element = ElementType::kLinear;
     s.integrator = integrator;
+    s.max_step_s = 1.0;  // as long as asked for
     s.equilibrium.relative_residual = 1e-7;
     auto m = *CaseModel::make(c, s);
     MatrixXd X = rest(*m, 1), theta(0, 1);
@@ -259,7 +260,9 @@ TEST(TimeStep, RayleighDampingDecaysAsTheoryPredicts) {
 // Stamps of a recording at a fixed rate differ in their last digits: that is no other step.
 TEST(TimeStep, StepsThatDifferByRoundingShareAFactorisation) {
     const Case c = test::clamped_block({.quasi_static = false});
-    auto even = *CaseModel::make(c, {}), rounded = *CaseModel::make(c, {});
+    CaseModelSettings s;
+    s.max_step_s = 1.0;  // as long as asked for
+    auto even = *CaseModel::make(c, s), rounded = *CaseModel::make(c, s);
     MatrixXd X = rest(*even, 1), Y = X, theta(0, 1);
     const std::vector<double> force{0.0, 0.0, 0.05};
     int factorisations = 0;
@@ -271,6 +274,31 @@ TEST(TimeStep, StepsThatDifferByRoundingShareAFactorisation) {
     EXPECT_GT(X.norm(), 0.0);
     EXPECT_LT((X - Y).norm(), 1e-6 * X.norm());
     EXPECT_EQ(advance(*rounded, force, theta, Y, 0.02).factorisations, 1);
+}
+
+// Frames of 10 ms are four steps of 2.5 ms while the load grows evenly.
+TEST(TimeStep, LongStepsAreWalkedInParts) {
+    const Case c = test::clamped_block({.youngs_modulus_pa = 2e3, .quasi_static = false});
+    CaseModelSettings s;
+    s.max_step_s = 0.0025;
+    auto frames = *CaseModel::make(c, s), parts = *CaseModel::make(c, s);
+    s.max_step_s = 1.0;
+    auto at_once = *CaseModel::make(c, s);
+    MatrixXd X = rest(*frames, 1), Y = X, Z = X, theta(0, 1);
+    const MatrixXd start = X;
+    const auto force = [](double k) { return std::vector<double>{0.0, 0.01 * k, -0.02 * k}; };
+    for (int k = 1; k <= 12; ++k) {
+        const ForwardReport report = advance(*frames, force(k), theta, X, 0.01);
+        EXPECT_EQ(report.lanes_converged, 1);
+        EXPECT_GT(report.relative_residual, 0.0);
+        for (int p = 1; p <= 4; ++p) advance(*parts, force(k == 1 ? k : k - 1 + 0.25 * p), theta, Y, 0.0025);
+        advance(*at_once, force(k), theta, Z, 0.01);
+    }
+    const auto n = static_cast<Eigen::Index>(3 * frames->num_nodes());
+    const double moved = (X - start).topRows(n).norm();
+    EXPECT_GT(moved, 1e-3);
+    EXPECT_LT((X - Y).topRows(n).norm(), 1e-9 * moved);
+    EXPECT_GT((X - Z).topRows(n).norm(), 1e-4 * moved);
 }
 
 }  // namespace

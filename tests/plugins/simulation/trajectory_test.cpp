@@ -39,7 +39,7 @@ PlayerSettings exact() {
     s.model.ligament.num_groups = 3;
     s.model.equilibrium.relative_residual = 1e-7;
     s.model.equilibrium.max_iterations = 200;
-    s.max_step_s = 0.05;
+    s.model.max_step_s = 0.05;
     return s;
 }
 
@@ -268,7 +268,7 @@ TEST(Trajectory, FirstOrderOfAVibratingBody) {
     c.loads = {{0.0, 0, {0.01, 0.02, -0.02}}};
     c.body.rayleigh_mass_1_s = 1.0;
     PlayerSettings settings = exact();
-    settings.max_step_s = 0.005;
+    settings.model.max_step_s = 0.005;
     settings.model.spectral_radius = 1.0;
     settings.model.equilibrium.relative_residual = 1e-6;
     auto t = *Trajectory::make(c, settings);
@@ -302,7 +302,7 @@ TEST(Trajectory, ApproximateOfAVibratingBody) {
     c.observations.clear();
     c.loads = {{0.0, 0, {0.01, 0.02, -0.02}}};
     PlayerSettings settings = exact();
-    settings.max_step_s = 0.005;
+    settings.model.max_step_s = 0.005;
     settings.model.equilibrium.relative_residual = 1e-6;
     auto t = *Trajectory::make(c, settings);
     const auto theta = prior(*t);
