@@ -327,6 +327,13 @@ const Cause* fitted_alone(const std::vector<Cause>& causes, std::size_t entry) {
     return found != causes.end() ? &*found : nullptr;
 }
 
+Cause* best_to_weigh(const Problem& problem, std::vector<Cause>& causes) {
+    const auto best = std::max_element(causes.begin(), causes.end(),
+                                       [](const Cause& a, const Cause& b) { return a.score < b.score; });
+    const bool pays = best != causes.end() && best->fit.usable && best->score > 0.0;
+    return pays && !problem.simulator.mechanics().dynamic() && !problem.out_of_time() ? &*best : nullptr;
+}
+
 double best_score(const std::vector<Cause>& causes) {
     double best = 0.0;
     for (const Cause& cause : causes) best = std::max(best, cause.score);

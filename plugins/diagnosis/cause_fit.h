@@ -65,6 +65,9 @@ void keep_better(std::vector<Cause>& causes, Cause cause);
 /// The fitted cause that consists of this effect alone, or null.
 const Cause* fitted_alone(const std::vector<Cause>& causes, std::size_t entry);
 
+/// The best cause if it pays and what it leaves may be weighed: without inertia, and while time is left; or null.
+Cause* best_to_weigh(const Problem& problem, std::vector<Cause>& causes);
+
 /// Of the best; 0 if none has more.
 double best_score(const std::vector<Cause>& causes);
 

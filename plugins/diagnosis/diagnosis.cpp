@@ -194,10 +194,8 @@ const Cause* leading(const Verdict& verdict) {
 
 // The error of the model in the state under the best cause, where that leaves more than right causes do.
 void weigh_state(Problem& problem, const Fit& nominal, std::vector<Cause>& causes) {
-    const auto best = std::max_element(causes.begin(), causes.end(),
-                                       [](const Cause& a, const Cause& b) { return a.score < b.score; });
-    if (best == causes.end() || !best->fit.usable || best->score <= 0.0 || best->model_error ||
-        problem.simulator.mechanics().dynamic() || problem.out_of_time() ||
+    Cause* best = best_to_weigh(problem, causes);
+    if (best == nullptr || best->model_error ||
         best->misfit < problem.floor.noise + problem.options.calibration.unknown_left * problem.floor.model)
         return;
     Assumption state = best->fit.at;

@@ -291,11 +291,8 @@ std::optional<Cause> without_trace(Problem& problem, const Fit& nominal, const C
 }
 
 void weigh_forms(Problem& problem, const Fit& nominal, std::vector<Cause>& causes) {
-    const auto best = std::max_element(causes.begin(), causes.end(),
-                                       [](const Cause& a, const Cause& b) { return a.score < b.score; });
-    if (best == causes.end() || !best->fit.usable || best->score <= 0.0 || best->misfit_beside_forms ||
-        problem.simulator.mechanics().dynamic() || problem.out_of_time() || suffices(problem, *best))
-        return;
+    Cause* best = best_to_weigh(problem, causes);
+    if (best == nullptr || best->misfit_beside_forms || suffices(problem, *best)) return;
     best->misfit_beside_forms =
         left_under(problem, looser_whitener(problem, best->fit), best->fit, nominal.u.size()).cost;
 }
