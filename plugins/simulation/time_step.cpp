@@ -8,7 +8,18 @@ namespace teres {
 namespace {
 constexpr double kSameStep = 0.01;    // steps that differ by less share a factorisation: it only steers the solver
 constexpr double kWholeParts = 1e-9;  // of a part: rounding of a step that is a multiple of the longest
-constexpr double kMostParts = 1000;   // after a pause of a live stream: the loop goes on
+constexpr std::size_t kHalvings = 3;
+constexpr double kMostParts = 1000;  // after a pause of a live stream: the loop goes on
+
+EquilibriumReport one_after_another(EquilibriumReport a, const EquilibriumReport& b) {
+    a.lanes_converged = std::min(a.lanes_converged, b.lanes_converged);
+    a.iterations = std::max(a.iterations, b.iterations);
+    a.newton_lanes = std::max(a.newton_lanes, b.newton_lanes);
+    a.newton_steps += b.newton_steps;
+    a.factorisations += b.factorisations;
+    a.relative_residual = std::max(a.relative_residual, b.relative_residual);
+    return a;
+}
 }  // namespace
 
 std::size_t state_blocks(TimeScheme scheme) {
@@ -32,6 +43,8 @@ TimeStepper::TimeStepper(const MechanicalSystem& system, EquilibriumSolver& solv
     : system_(system), solver_(solver), settings_(settings) {
     const std::size_t stride = padded_lanes(max_lanes), dofs = 3 * system.num_nodes();
     for (auto* v : {&target_, &y_, &velocity_target_}) v->assign(dofs * stride, 0.0);
+    if (settings_.scheme != TimeScheme::kQuasiStatic) starts_.resize(kHalvings);
+    for (Start& start : starts_) start.state.assign(state_blocks(settings_.scheme) * dofs * stride, 0.0);
     theta_one_.assign(std::max<std::size_t>(1, system.parts().num_parameters), 0.0);
     positions_.resize(3, static_cast<Eigen::Index>(system.num_nodes()));
     if (settings_.rayleigh_stiffness_s > 0.0) {
@@ -49,24 +62,39 @@ double TimeStepper::alpha_f() const {
 
 EquilibriumReport TimeStepper::step(const ExternalActions& actions, double h, const double* theta, double* state,
                                     std::size_t lanes) noexcept {
-    const bool dynamic = settings_.scheme != TimeScheme::kQuasiStatic;
-    const int parts = dynamic ? parts_of_step(h, settings_.max_step_s) : 1;
-    if (parts == 1) return step_at_once(actions, h, theta, state, lanes);
+    if (settings_.scheme == TimeScheme::kQuasiStatic) return solver_.solve(actions, {}, theta, state, lanes);
+    const int parts = parts_of_step(h, settings_.max_step_s);
+    if (parts == 1) return step_or_halve(actions, h, theta, state, lanes, starts_);
     at_part_ = actions;
     first_force_n_ = last_force_n_.size() == actions.force_n.size() ? last_force_n_ : actions.force_n;
     EquilibriumReport report;
     report.lanes_converged = static_cast<int>(lanes);
     for (int k = 1; k <= parts; ++k) {
         at_part_.force_n = first_force_n_ + static_cast<double>(k) / parts * (actions.force_n - first_force_n_);
-        const EquilibriumReport part = step_at_once(at_part_, h / parts, theta, state, lanes);
-        report.lanes_converged = std::min(report.lanes_converged, part.lanes_converged);
-        report.iterations = std::max(report.iterations, part.iterations);
-        report.newton_lanes = std::max(report.newton_lanes, part.newton_lanes);
-        report.newton_steps += part.newton_steps;
-        report.factorisations += part.factorisations;
-        report.relative_residual = std::max(report.relative_residual, part.relative_residual);
+        report = one_after_another(report, step_or_halve(at_part_, h / parts, theta, state, lanes, starts_));
     }
     return report;
+}
+
+EquilibriumReport TimeStepper::step_or_halve(const ExternalActions& actions, double h, const double* theta,
+                                             double* state, std::size_t lanes, std::span<Start> starts) noexcept {
+    if (starts.empty()) return step_at_once(actions, h, theta, state, lanes);
+    const std::size_t size = state_blocks(settings_.scheme) * 3 * system_.num_nodes() * padded_lanes(lanes);
+    Start& start = starts.front();
+    std::copy_n(state, size, start.state.begin());
+    start.last_force_n = last_force_n_;
+    const EquilibriumReport whole = step_at_once(actions, h, theta, state, lanes);
+    if (whole.lanes_converged == static_cast<int>(lanes)) return whole;
+    std::copy_n(start.state.begin(), size, state);
+    last_force_n_ = start.last_force_n;
+    start.middle = actions;
+    if (last_force_n_.size() == actions.force_n.size()) start.middle.force_n = 0.5 * (last_force_n_ + actions.force_n);
+    const EquilibriumReport first = step_or_halve(start.middle, 0.5 * h, theta, state, lanes, starts.subspan(1)),
+                            second =
+                                step_or_halve(actions, 0.5 * h, theta, state, lanes,
+                                              first.lanes_converged == static_cast<int>(lanes) ? starts.subspan(1)
+                                                                                               : std::span<Start>());
+    return one_after_another(first, second);
 }
 
 EquilibriumReport TimeStepper::step_at_once(const ExternalActions& actions, double h, const double* theta,
@@ -75,7 +103,6 @@ EquilibriumReport TimeStepper::step_at_once(const ExternalActions& actions, doub
     double* x = state;
     double* v = state + size;
     double* a = state + 2 * size;  // generalised alpha only
-    if (settings_.scheme == TimeScheme::kQuasiStatic) return solver_.solve(actions, {}, theta, x, lanes);
     if (subspace_ == nullptr && std::abs(h - last_dt_s_) > kSameStep * last_dt_s_) {
         solver_.follow_system();
         last_dt_s_ = h;

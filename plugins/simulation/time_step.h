@@ -14,6 +14,7 @@
 
 #include <cstddef>
 #include <limits>
+#include <span>
 #include <vector>
 
 #include "plugins/simulation/equilibrium.h"
@@ -47,7 +48,8 @@ class TimeStepper {
                 std::size_t max_lanes);
 
     /// [loop] state: batch layout, state_blocks * 3N rows; advanced by dt_s under the actions at the end of
-    /// the step; dead loads change evenly during it.
+    /// the step; dead loads change evenly during it. A part in which a lane does not converge is halved, three times at
+    /// most.
     EquilibriumReport step(const ExternalActions& actions, double dt_s, const double* theta, double* state,
                            std::size_t lanes) noexcept;
 
@@ -61,6 +63,14 @@ class TimeStepper {
     double alpha_f() const;
 
   private:
+    struct Start {
+        std::vector<double> state;
+        Eigen::VectorXd last_force_n;
+        ExternalActions middle;
+    };
+    /// In one step or, if a lane does not converge, in two halves; these in halves of `starts` that are left.
+    EquilibriumReport step_or_halve(const ExternalActions& actions, double dt_s, const double* theta, double* state,
+                                    std::size_t lanes, std::span<Start> starts) noexcept;
     EquilibriumReport step_at_once(const ExternalActions& actions, double dt_s, const double* theta, double* state,
                                    std::size_t lanes) noexcept;
 
@@ -71,6 +81,7 @@ class TimeStepper {
     double last_dt_s_ = 0.0;
     ExternalActions at_alpha_, at_part_;
     Eigen::VectorXd first_force_n_, last_force_n_;
+    std::vector<Start> starts_;  // one per halving
     std::vector<double> target_, y_, velocity_target_;
     StiffnessDamping damping_;
     Positions positions_;

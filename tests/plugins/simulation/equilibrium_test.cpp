@@ -301,5 +301,35 @@ TEST(TimeStep, LongStepsAreWalkedInParts) {
     EXPECT_GT((X - Z).topRows(n).norm(), 1e-4 * moved);
 }
 
+// As many iterations as two steps of 10 ms need are too few for one of 20 ms.
+TEST(TimeStep, StepThatDoesNotConvergeIsHalved) {
+    const Case c = test::clamped_block({.youngs_modulus_pa = 2e3, .quasi_static = false});
+    CaseModelSettings s;
+    s.max_step_s = 1.0;
+    s.equilibrium.max_newton_iterations = 0;
+    auto twice = *CaseModel::make(c, s), at_once = *CaseModel::make(c, s);
+    MatrixXd X = rest(*twice, 1), Y = X, Z = X, theta(0, 1);
+    const MatrixXd start = X;
+    const std::vector<double> force{0.0, 0.1, -0.2};
+    const ForwardReport first = advance(*twice, force, theta, X, 0.01), second = advance(*twice, force, theta, X, 0.01),
+                        whole = advance(*at_once, force, theta, Z, 0.02);
+    ASSERT_EQ(first.lanes_converged + second.lanes_converged + whole.lanes_converged, 3);
+    s.equilibrium.max_iterations = std::max(first.iterations, second.iterations);
+    ASSERT_LT(s.equilibrium.max_iterations, whole.iterations);
+    auto halved = *CaseModel::make(c, s);
+    EXPECT_EQ(advance(*halved, force, theta, Y, 0.02).lanes_converged, 1);
+    const auto n = static_cast<Eigen::Index>(3 * halved->num_nodes());
+    const double moved = (X - start).topRows(n).norm();
+    EXPECT_GT(moved, 1e-3);
+    EXPECT_LT((X - Y).topRows(n).norm(), 1e-6 * moved);
+    EXPECT_GT((X - Z).topRows(n).norm(), 1e-3 * moved);
+    // Nothing converges in one iteration: the step ends all the same, and says so.
+    s.equilibrium.max_iterations = 1;
+    auto never = *CaseModel::make(c, s);
+    Y = start;
+    EXPECT_EQ(advance(*never, force, theta, Y, 0.02).lanes_converged, 0);
+    EXPECT_TRUE(Y.allFinite());
+}
+
 }  // namespace
 }  // namespace teres
