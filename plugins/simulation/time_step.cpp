@@ -64,14 +64,21 @@ EquilibriumReport TimeStepper::step(const ExternalActions& actions, double h, co
                                     std::size_t lanes) noexcept {
     if (settings_.scheme == TimeScheme::kQuasiStatic) return solver_.solve(actions, {}, theta, state, lanes);
     const int parts = parts_of_step(h, settings_.max_step_s);
-    if (parts == 1) return step_or_halve(actions, h, theta, state, lanes, starts_);
+    // What did not hold even so will hardly hold now: it costs no halves again.
+    const auto one_part = [&](const ExternalActions& at_end) {
+        const EquilibriumReport report =
+            step_or_halve(at_end, h / parts, theta, state, lanes, holds_ ? starts_ : std::span<Start>());
+        holds_ = report.lanes_converged == static_cast<int>(lanes);
+        return report;
+    };
+    if (parts == 1) return one_part(actions);
     at_part_ = actions;
     first_force_n_ = last_force_n_.size() == actions.force_n.size() ? last_force_n_ : actions.force_n;
     EquilibriumReport report;
     report.lanes_converged = static_cast<int>(lanes);
     for (int k = 1; k <= parts; ++k) {
         at_part_.force_n = first_force_n_ + static_cast<double>(k) / parts * (actions.force_n - first_force_n_);
-        report = one_after_another(report, step_or_halve(at_part_, h / parts, theta, state, lanes, starts_));
+        report = one_after_another(report, one_part(at_part_));
     }
     return report;
 }
@@ -89,11 +96,10 @@ EquilibriumReport TimeStepper::step_or_halve(const ExternalActions& actions, dou
     last_force_n_ = start.last_force_n;
     start.middle = actions;
     if (last_force_n_.size() == actions.force_n.size()) start.middle.force_n = 0.5 * (last_force_n_ + actions.force_n);
-    const EquilibriumReport first = step_or_halve(start.middle, 0.5 * h, theta, state, lanes, starts.subspan(1)),
-                            second =
-                                step_or_halve(actions, 0.5 * h, theta, state, lanes,
-                                              first.lanes_converged == static_cast<int>(lanes) ? starts.subspan(1)
-                                                                                               : std::span<Start>());
+    const std::span<Start> further = starts.subspan(1), none;
+    const EquilibriumReport first = step_or_halve(start.middle, 0.5 * h, theta, state, lanes, further);
+    const bool held = first.lanes_converged == static_cast<int>(lanes);
+    const EquilibriumReport second = step_or_halve(actions, 0.5 * h, theta, state, lanes, held ? further : none);
     return one_after_another(first, second);
 }
 

@@ -49,7 +49,7 @@ class TimeStepper {
 
     /// [loop] state: batch layout, state_blocks * 3N rows; advanced by dt_s under the actions at the end of
     /// the step; dead loads change evenly during it. A part in which a lane does not converge is halved, three times at
-    /// most.
+    /// most, unless the part before did not converge even so.
     EquilibriumReport step(const ExternalActions& actions, double dt_s, const double* theta, double* state,
                            std::size_t lanes) noexcept;
 
@@ -58,7 +58,10 @@ class TimeStepper {
     /// [loop] One lane steps in a subspace from now on; null: in all of the mesh again.
     void reduce_to(SubspaceSolver* subspace) { subspace_ = subspace; }
     /// [loop] The next step begins a motion of its own: no load before it is remembered.
-    void restart() { last_force_n_.resize(0); }
+    void restart() {
+        last_force_n_.resize(0);
+        holds_ = true;
+    }
     /// alpha_f: the equations of a step hold at (1 - alpha_f) of it.
     double alpha_f() const;
 
@@ -82,6 +85,7 @@ class TimeStepper {
     ExternalActions at_alpha_, at_part_;
     Eigen::VectorXd first_force_n_, last_force_n_;
     std::vector<Start> starts_;  // one per halving
+    bool holds_ = true;          // every lane converged last
     std::vector<double> target_, y_, velocity_target_;
     StiffnessDamping damping_;
     Positions positions_;
