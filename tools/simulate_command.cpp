@@ -20,6 +20,8 @@
 namespace teres::tools {
 namespace {
 
+constexpr double kFarAway = 5.0;  // body sizes: no motion of a body that something holds
+
 struct SimulateOptions {
     std::string case_folder, predict_file, markers_file, vtk_folder;
     std::vector<std::string> effects;
@@ -117,6 +119,17 @@ PositionTable table_of(const std::vector<double>& times, const std::vector<std::
     return table;
 }
 
+// Diagonal of the mesh's bounding box.
+double size_m(const Case& c) {
+    Point low = c.mesh.nodes.front(), high = low;
+    for (const Point& x : c.mesh.nodes)
+        for (std::size_t a = 0; a < 3; ++a) {
+            low[a] = std::min(low[a], x[a]);
+            high[a] = std::max(high[a], x[a]);
+        }
+    return std::hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2]);
+}
+
 Result<int> simulate(const SimulateOptions& options) {
     const bool effects = !options.effects.empty();
     TERES_TRY_ASSIGN(Config config, read_offline_settings(options.settings));
@@ -148,6 +161,12 @@ Result<int> simulate(const SimulateOptions& options) {
     for (const auto& effect : options.effects) std::printf("  effect      %s\n", effect.c_str());
     std::printf("  largest displacement %9.3f mm\n  largest residual     %9.2e of the applied force\n", 1e3 * largest_m,
                 motion.worst_residual);
+    if (const double size = size_m(c); !(largest_m <= kFarAway * size))
+        std::fprintf(
+            stderr,
+            "%s: largest displacement %.3g m is %.3g times the body's size of %.3g m: nothing holds it, or its "
+            "steps are too long (simulation.max_step_s)\n",
+            c.name.c_str(), largest_m, largest_m / size, size);
     if (!options.predict_file.empty()) {
         TERES_TRY(table_of(times, motion.point_id, motion.points_m, "point_id").write(options.predict_file));
         std::printf("  points      %s\n", options.predict_file.c_str());
