@@ -13,6 +13,7 @@
 #include "core/case/case_reader.h"
 #include "core/case/frame_times.h"
 #include "core/case/geometry.h"
+#include "core/case/mesh_checks.h"
 
 namespace teres::tools {
 namespace {
@@ -87,16 +88,6 @@ std::uint64_t simulation_hash(const Case& c, const std::vector<double>& times, c
     return hash.value();
 }
 
-double size_m(const Case& c) {
-    Point low = c.mesh.nodes.front(), high = low;
-    for (const Point& p : c.mesh.nodes)
-        for (std::size_t a = 0; a < 3; ++a) {
-            low[a] = std::min(low[a], p[a]);
-            high[a] = std::max(high[a], p[a]);
-        }
-    return norm(minus(high, low));
-}
-
 // What a diagnosis needs of a case beyond being well formed.
 Status check(const Case& c, const std::string& folder) {
     const bool gravity = norm(c.gravity_m_s2) > 0.0;
@@ -109,7 +100,7 @@ Status check(const Case& c, const std::string& folder) {
     if (!(c.sensor.noise_sigma_m > 0.0))
         return invalid_input(folder +
                              ": case.json: sensor.noise_sigma_m is not given; a diagnosis weighs the gap against it");
-    const double size = size_m(c);
+    const double size = size_m(c.mesh);
     if (c.sensor.noise_sigma_m > 0.1 * size)
         return invalid_input(folder + ": case.json: sensor.noise_sigma_m is " + std::to_string(c.sensor.noise_sigma_m) +
                              " m, more than a tenth of the body (" + std::to_string(size) + " m); millimetres?");

@@ -8,6 +8,7 @@
 #include "core/case/case_reader.h"
 #include "core/case/frame_times.h"
 #include "core/case/load_tracks.h"
+#include "core/case/mesh_checks.h"
 #include "core/case/vtk_writer.h"
 #include "core/extensions/forward_model.h"
 #include "core/extensions/trajectory_model.h"
@@ -119,17 +120,6 @@ PositionTable table_of(const std::vector<double>& times, const std::vector<std::
     return table;
 }
 
-// Diagonal of the mesh's bounding box.
-double size_m(const Case& c) {
-    Point low = c.mesh.nodes.front(), high = low;
-    for (const Point& x : c.mesh.nodes)
-        for (std::size_t a = 0; a < 3; ++a) {
-            low[a] = std::min(low[a], x[a]);
-            high[a] = std::max(high[a], x[a]);
-        }
-    return std::hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2]);
-}
-
 Result<int> simulate(const SimulateOptions& options) {
     const bool effects = !options.effects.empty();
     TERES_TRY_ASSIGN(Config config, read_offline_settings(options.settings));
@@ -161,7 +151,7 @@ Result<int> simulate(const SimulateOptions& options) {
     for (const auto& effect : options.effects) std::printf("  effect      %s\n", effect.c_str());
     std::printf("  largest displacement %9.3f mm\n  largest residual     %9.2e of the applied force\n", 1e3 * largest_m,
                 motion.worst_residual);
-    if (const double size = size_m(c); !(largest_m <= kFarAway * size))
+    if (const double size = size_m(c.mesh); !(largest_m <= kFarAway * size))
         std::fprintf(
             stderr,
             "%s: largest displacement %.3g m is %.3g times the body's size of %.3g m: nothing holds it, or its "

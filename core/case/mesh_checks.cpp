@@ -6,6 +6,7 @@
 #include <tuple>
 #include <utility>
 
+#include "core/case/geometry.h"
 #include "core/case/text_file.h"
 
 namespace teres {
@@ -110,6 +111,16 @@ Status check_body_mesh(const TetMeshData& mesh, const std::string& name) {
         return invalid_input(name + ": the body is " + to_text(extent) + " m long, at least " +
                              to_text(kSmallestBody_m) + " m is needed; coordinates must be in metres");
     return {};
+}
+
+double size_m(const TetMeshData& mesh) {
+    Point low = mesh.nodes.front(), high = low;
+    for (const Point& x : mesh.nodes)
+        for (std::size_t a = 0; a < 3; ++a) {
+            low[a] = std::min(low[a], x[a]);
+            high[a] = std::max(high[a], x[a]);
+        }
+    return distance(low, high);
 }
 
 }  // namespace teres

@@ -35,7 +35,8 @@ std::size_t state_blocks(TimeScheme scheme) {
 }
 
 int parts_of_step(double length_s, double longest_s) {
-    return static_cast<int>(std::clamp(std::ceil(length_s / longest_s - kWholeParts), 1.0, kMostParts));
+    const double parts = std::ceil(length_s / longest_s - kWholeParts);
+    return parts > 1.0 ? static_cast<int>(std::min(parts, kMostParts)) : 1;
 }
 
 TimeStepper::TimeStepper(const MechanicalSystem& system, EquilibriumSolver& solver, TimeStepSettings settings,

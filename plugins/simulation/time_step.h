@@ -71,7 +71,8 @@ class TimeStepper {
         Eigen::VectorXd last_force_n;
         ExternalActions middle;
     };
-    /// In one step or, if a lane does not converge, in two halves; these in halves of `starts` that are left.
+    /// In one step or, if a lane does not converge, in two halves; these in halves as long as `starts` are left. What
+    /// others set for the length of the step (viscous memory) stays as it is.
     EquilibriumReport step_or_halve(const ExternalActions& actions, double dt_s, const double* theta, double* state,
                                     std::size_t lanes, std::span<Start> starts) noexcept;
     EquilibriumReport step_at_once(const ExternalActions& actions, double dt_s, const double* theta, double* state,
