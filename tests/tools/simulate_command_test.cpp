@@ -34,7 +34,7 @@ TEST(SimulateCommand, FreeFallIsExactAndTold) {
             }
     }
     EXPECT_EQ(last, c.validation_rest.size());
-    EXPECT_THAT(run.error, testing::HasSubstr("times the body's size")) << run.error;
+    EXPECT_THAT(run.error, testing::HasSubstr("times the body's size"));
 }
 
 }  // namespace
