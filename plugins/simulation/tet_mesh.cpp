@@ -91,9 +91,11 @@ Result<TetMesh> TetMesh::make(const TetMeshData& data) {
     mesh.node_area.assign(data.nodes.size(), 0.0);
     for (const auto& f : mesh.surface) {
         const Vector3d n = 0.5 * (mesh.X.col(f[1]) - mesh.X.col(f[0])).cross(mesh.X.col(f[2]) - mesh.X.col(f[0]));
-        for (const auto node : f) {
-            mesh.node_normal.col(node) += n;
-            mesh.node_area[static_cast<std::size_t>(node)] += n.norm() / 3.0;
+        for (std::size_t k = 0; k < 3; ++k) {
+            mesh.node_normal.col(f[k]) += n;
+            mesh.node_area[static_cast<std::size_t>(f[k])] += n.norm() / 3.0;
+            mesh.longest_surface_edge_m =
+                std::max(mesh.longest_surface_edge_m, (mesh.X.col(f[k]) - mesh.X.col(f[(k + 1) % 3])).norm());
         }
     }
     for (Eigen::Index i = 0; i < num_nodes; ++i) {

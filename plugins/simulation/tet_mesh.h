@@ -22,6 +22,7 @@ struct TetMesh {
     std::vector<std::array<NodeIndex, 3>> surface;      ///< boundary triangles, outward orientation
     Positions node_normal;                              ///< outward, area-weighted, unit length on the surface, else 0
     std::vector<double> node_area;                      ///< a third of each adjacent surface triangle [m^2]
+    double longest_surface_edge_m = 0.0;
 
     std::size_t num_nodes() const { return static_cast<std::size_t>(X.cols()); }
 

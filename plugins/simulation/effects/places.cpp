@@ -27,6 +27,28 @@ std::vector<std::size_t> spread(const Matrix3Xd& points, std::size_t count) {
 namespace {
 
 constexpr double kWhole = 2.4;  // radii: inside() is 0.98 at the ends
+constexpr double kReach = 2.0;  // radii: inside() is 0.001 beyond
+constexpr double kPointsPerRadius = 3.0;
+constexpr int kMostParts = 16;  // of a triangle's edges
+
+// Middles of n^2 equal parts of a triangle, n a power of two so that few triangles change theirs at a time, about
+// `per_m` along an edge. visit(point, its barycentric weights, area of the part).
+template <class Visit>
+void visit_points(const TetMesh& mesh, const std::array<NodeIndex, 3>& triangle, double per_m, const Visit& visit) {
+    const Vector3d a = mesh.X.col(triangle[0]), ab = mesh.X.col(triangle[1]) - a, ac = mesh.X.col(triangle[2]) - a;
+    const double edge = std::sqrt(std::max({ab.squaredNorm(), ac.squaredNorm(), (ac - ab).squaredNorm()}));
+    int n = 1;
+    while (n < kMostParts && n < per_m * edge) n *= 2;
+    const double part = 0.5 * ab.cross(ac).norm() / (n * n);
+    const auto visit_middle = [&](double i, double j) {
+        visit(a + i / n * ab + j / n * ac, Vector3d(1.0 - (i + j) / n, i / n, j / n), part);
+    };
+    for (int i = 0; i < n; ++i)
+        for (int j = 0; i + j < n; ++j) {
+            visit_middle(i + 1.0 / 3.0, j + 1.0 / 3.0);
+            if (i + j + 1 < n) visit_middle(i + 2.0 / 3.0, j + 2.0 / 3.0);
+        }
+}
 
 std::vector<Vector3d> spread_columns(const std::vector<Vector3d>& points, std::size_t count) {
     Matrix3Xd columns(3, static_cast<Eigen::Index>(points.size()));
@@ -89,27 +111,38 @@ double inside(const Vector3d& x, const Vector3d& centre, double radius_m) {
 }
 
 Patch surface_patch(const Scene& scene, const Vector3d& centre, double radius_m) {
+    const TetMesh& mesh = scene.mesh;
+    const double edge_of_ball = kReach * radius_m, reach = edge_of_ball + mesh.longest_surface_edge_m;
+    std::vector<double> area(mesh.num_nodes(), 0.0);
+    for (const auto& triangle : mesh.surface)
+        if ((mesh.X.col(triangle[0]) - centre).squaredNorm() < reach * reach)
+            visit_points(mesh, triangle, kPointsPerRadius / radius_m,
+                         [&](const Vector3d& x, const Vector3d& weight, double area_m2) {
+                             if ((x - centre).squaredNorm() > edge_of_ball * edge_of_ball) return;
+                             const double part = area_m2 * inside(x, centre, radius_m);
+                             for (std::size_t k = 0; k < 3; ++k)
+                                 area[static_cast<std::size_t>(triangle[k])] +=
+                                     weight(static_cast<Eigen::Index>(k)) * part;
+                         });
     Patch patch;
-    for (std::size_t i = 0; i < scene.mesh.num_nodes(); ++i) {
-        const double area = scene.mesh.node_area[i];
-        const Vector3d x = scene.mesh.X.col(static_cast<Eigen::Index>(i));
-        if (!(area > 0.0) || (x - centre).squaredNorm() > 4.0 * radius_m * radius_m) continue;
+    for (std::size_t i = 0; i < area.size(); ++i) {
+        if (!(area[i] > 0.0)) continue;
         patch.node.push_back(static_cast<NodeIndex>(i));
-        patch.area_m2.push_back(area * inside(x, centre, radius_m));
-        patch.total_m2 += patch.area_m2.back();
+        patch.area_m2.push_back(area[i]);
+        patch.total_m2 += area[i];
     }
     if (!patch.node.empty()) return patch;
-    // A patch smaller than the mesh, or a place inside: the point of the surface next to it, shared by its triangle's
-    // nodes, so that what moves the place is seen.
+    // A place inside: the point of the surface next to it, shared by its triangle's nodes, so that what moves the place
+    // is seen.
     const SurfacePoint next = scene.surface.closest({centre.x(), centre.y(), centre.z()});
     const auto& triangle = scene.surface.triangles()[static_cast<std::size_t>(next.triangle)];
-    double area = 0.0;
+    double around = 0.0;
     for (std::size_t k = 0; k < 3; ++k)
-        area += next.barycentric[k] * scene.mesh.node_area[static_cast<std::size_t>(triangle[k])];
+        around += next.barycentric[k] * mesh.node_area[static_cast<std::size_t>(triangle[k])];
     for (std::size_t k = 0; k < 3; ++k) {
         if (next.barycentric[k] <= 0.0) continue;
         patch.node.push_back(triangle[k]);
-        patch.area_m2.push_back(next.barycentric[k] * area);
+        patch.area_m2.push_back(next.barycentric[k] * around);
         patch.total_m2 += patch.area_m2.back();
     }
     return patch;

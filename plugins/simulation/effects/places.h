@@ -26,7 +26,8 @@ std::vector<Ball> ligament_places(const Scene& scene, const std::vector<double>&
 /// 1 inside the ball, 0 outside, edge a few tenths of the radius wide.
 double inside(const Eigen::Vector3d& x, const Eigen::Vector3d& centre, double radius_m);
 
-/// Surface nodes that lie in the ball, with their areas weighted by inside(). In a ball without nodes: the point of the
+/// The part of the surface in the ball, shared by its nodes: integral over the surface of N_i(x) inside(x). Smooth in
+/// centre and radius, also where the ball is smaller than the mesh. Of a ball beside the surface: the point of the
 /// surface next to its centre.
 struct Patch {
     std::vector<NodeIndex> node;

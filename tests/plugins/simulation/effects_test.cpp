@@ -5,6 +5,8 @@
 #include <map>
 #include <numbers>
 
+#include "plugins/simulation/effects/places.h"
+#include "plugins/simulation/scene_player.h"
 #include "plugins/simulation/trajectory.h"
 #include "tests/support/box_mesh.h"
 #include "tests/support/calculix.h"
@@ -152,6 +154,27 @@ TEST(Effects, APlaceInsideActsOnTheSurfaceNextToIt) {
     EXPECT_GT(size, 1e-12);
     EXPECT_GT(apart, 0.01 * size);
     EXPECT_LT(error, 1e-5 * size);
+}
+
+// On a plane a patch has the ball's middle as its own, as shape functions reproduce what is linear, and its area is
+// that of  2 pi int s inside(s) ds = pi r^2 (1 + (pi 0.15)^2/3)  whatever the mesh: down to a fifth of an edge.
+TEST(Effects, APatchIsWhereItsBallIsHoweverSmall) {
+    const auto player = *ScenePlayer::make(block(), {});
+    const Scene& scene = player->scene();
+    for (const double radius : {0.002, 0.004, 0.007})
+        for (const Vector3d& centre : {Vector3d(0.0413, 0.0158, 0.03), Vector3d(0.0391, 0.0139, 0.03)}) {
+            const Patch patch = surface_patch(scene, centre, radius);
+            double total = 0.0;
+            Vector3d middle = Vector3d::Zero();
+            for (std::size_t k = 0; k < patch.node.size(); ++k) {
+                total += patch.area_m2[k];
+                middle += patch.area_m2[k] * scene.mesh.X.col(patch.node[k]);
+            }
+            EXPECT_NEAR(total, patch.total_m2, 1e-9 * total);
+            const double area = std::numbers::pi * radius * radius * (1.0 + std::pow(std::numbers::pi * 0.15, 2) / 3.0);
+            EXPECT_NEAR(total, area, 0.06 * area) << radius;
+            EXPECT_LT((middle / total - centre).norm(), 0.05 * radius) << radius;
+        }
 }
 
 // Small pressure on one side: a dead traction on the faces with that normal.
