@@ -3,6 +3,9 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <map>
 #include <vector>
 
 #include "core/case/case.h"
@@ -18,6 +21,13 @@ struct TetherRanges {
     std::size_t ligament_end = 0;  ///< [0, ligament_end): prior ligament
     std::size_t clamp_begin = 0;   ///< [clamp_begin, clamp_end): layer that holds the clamped nodes
     std::size_t clamp_end = 0;
+};
+
+/// Part of the surface, shared by its nodes.
+struct Patch {
+    std::vector<NodeIndex> node;
+    std::vector<double> area_m2;
+    double total_m2 = 0.0;
 };
 
 class Scene {
@@ -55,6 +65,8 @@ class Scene {
     Obstacles obstacles;
     std::vector<ViscousBranch> viscosity;
     double rayleigh_mass_1_s = 0.0;
+    /// By the bits of centre and radius, what surface_patch() made: a motion asks for the same at every step.
+    std::map<std::array<std::uint64_t, 4>, Patch> patches;
 
     /// Nominal again, at time t under these forces of the load regions.
     void reset(double t_s, const std::vector<double>& region_force_n);

@@ -56,7 +56,7 @@ class Cardiac final : public Effect {
         const double c2 = std::cos(2.0 * phase), s2 = std::sin(2.0 * phase);
         const Eigen::Vector3d F = (std::cos(phase) + v[11] * c2 - v[12] * s2) * Eigen::Vector3d(v[0], v[1], v[2]) +
                                   (std::sin(phase) + v[11] * s2 + v[12] * c2) * Eigen::Vector3d(v[3], v[4], v[5]);
-        const Patch patch = surface_patch(scene, {v[6], v[7], v[8]}, v[9]);
+        const Patch& patch = surface_patch(scene, {v[6], v[7], v[8]}, v[9]);
         for (std::size_t k = 0; k < patch.node.size(); ++k)
             scene.force_n.col(patch.node[k]) += patch.area_m2[k] / patch.total_m2 * F;
     }

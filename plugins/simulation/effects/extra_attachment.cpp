@@ -25,7 +25,7 @@ class ExtraAttachment final : public Effect {
         if (d_.candidates.empty()) d_.not_applicable = "the whole surface is attached already";
     }
     void apply(std::span<const double> v, Scene& scene) const override {
-        const Patch patch = surface_patch(scene, {v[1], v[2], v[3]}, v[4]);
+        const Patch& patch = surface_patch(scene, {v[1], v[2], v[3]}, v[4]);
         for (std::size_t k = 0; k < patch.node.size(); ++k) {
             Tether t;
             t.node = patch.node[k];

@@ -37,7 +37,7 @@ class AddedMass final : public Effect {
         for (const auto& p : surface_places(scene, 16, true)) add(p, typical);
     }
     void apply(std::span<const double> v, Scene& scene) const override {
-        const Patch patch = surface_patch(scene, {v[1], v[2], v[3]}, v[4]);
+        const Patch& patch = surface_patch(scene, {v[1], v[2], v[3]}, v[4]);
         for (std::size_t k = 0; k < patch.node.size(); ++k) {
             const double mass = v[0] * patch.area_m2[k] / patch.total_m2;
             scene.parts.node_mass_kg(patch.node[k]) += mass;

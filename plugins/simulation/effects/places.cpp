@@ -1,6 +1,7 @@
 #include "plugins/simulation/effects/places.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <set>
 
@@ -29,7 +30,8 @@ namespace {
 constexpr double kWhole = 2.4;  // radii: inside() is 0.98 at the ends
 constexpr double kReach = 2.0;  // radii: inside() is 0.001 beyond
 constexpr double kPointsPerRadius = 3.0;
-constexpr int kMostParts = 16;  // of a triangle's edges
+constexpr std::size_t kMostPatches = 2048;  // kept; some kilobytes each
+constexpr int kMostParts = 16;              // of a triangle's edges
 
 // Middles of n^2 equal parts of a triangle, n a power of two so that few triangles change theirs at a time, about
 // `per_m` along an edge. visit(point, its barycentric weights, area of the part).
@@ -110,7 +112,9 @@ double inside(const Vector3d& x, const Vector3d& centre, double radius_m) {
     return 1.0 / (1.0 + std::exp(((x - centre).norm() / radius_m - 1.0) / 0.15));
 }
 
-Patch surface_patch(const Scene& scene, const Vector3d& centre, double radius_m) {
+namespace {
+
+Patch make_patch(const Scene& scene, const Vector3d& centre, double radius_m) {
     const TetMesh& mesh = scene.mesh;
     const double edge_of_ball = kReach * radius_m, reach = edge_of_ball + mesh.longest_surface_edge_m;
     std::vector<double> area(mesh.num_nodes(), 0.0);
@@ -146,6 +150,18 @@ Patch surface_patch(const Scene& scene, const Vector3d& centre, double radius_m)
         patch.total_m2 += patch.area_m2.back();
     }
     return patch;
+}
+
+}  // namespace
+
+const Patch& surface_patch(Scene& scene, const Vector3d& centre, double radius_m) {
+    std::array<std::uint64_t, 4> key{};
+    for (std::size_t k = 0; k < 3; ++k) key[k] = std::bit_cast<std::uint64_t>(centre(static_cast<Eigen::Index>(k)));
+    key[3] = std::bit_cast<std::uint64_t>(radius_m);
+    if (scene.patches.size() >= kMostPatches) scene.patches.clear();
+    const auto [at, added] = scene.patches.try_emplace(key);
+    if (added) at->second = make_patch(scene, centre, radius_m);
+    return at->second;
 }
 
 double ramp(double t, double t0, double rise) {

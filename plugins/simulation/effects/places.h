@@ -28,13 +28,8 @@ double inside(const Eigen::Vector3d& x, const Eigen::Vector3d& centre, double ra
 
 /// The part of the surface in the ball, shared by its nodes: integral over the surface of N_i(x) inside(x). Smooth in
 /// centre and radius, also where the ball is smaller than the mesh. Of a ball beside the surface: the point of the
-/// surface next to its centre.
-struct Patch {
-    std::vector<NodeIndex> node;
-    std::vector<double> area_m2;
-    double total_m2 = 0.0;
-};
-Patch surface_patch(const Scene& scene, const Eigen::Vector3d& centre, double radius_m);
+/// surface next to its centre. Good until the next call.
+const Patch& surface_patch(Scene& scene, const Eigen::Vector3d& centre, double radius_m);
 
 /// Smooth step from 0 before t0 to 1 after t0 + rise.
 double ramp(double t, double t0, double rise);

@@ -57,7 +57,7 @@ class UnknownLoad final : public Effect {
             w *= s * s;
         }
         if (w == 0.0) return;
-        const Patch patch = surface_patch(scene, {v[3], v[4], v[5]}, v[6]);
+        const Patch& patch = surface_patch(scene, {v[3], v[4], v[5]}, v[6]);
         for (std::size_t k = 0; k < patch.node.size(); ++k)
             scene.force_n.col(patch.node[k]) +=
                 w * patch.area_m2[k] / patch.total_m2 * Eigen::Vector3d(v[0], v[1], v[2]);
