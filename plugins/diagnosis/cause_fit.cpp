@@ -176,7 +176,7 @@ Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const Effe
                     ? fit_from_whole(problem, plus(without.at, added.start), 0)
                     : fit_with(problem, without, known != nullptr, added.start, iterations);
     if (!cause.fit.usable) return cause;
-    problem.look_ahead(cause.fit);
+    problem.look_ahead(cause.fit, true);
     take_noise(problem, cause.fit);
     return cause;
 }
@@ -298,13 +298,13 @@ void settle(Problem& problem, Cause& cause, int iterations) {
         // More than it left before: its course, frame after frame, ends in another equilibrium than the steps of the
         // fit met. What it really leaves counts.
         const bool another = !dynamic && better.misfit > kAnotherCourse * before;
-        if (!better.usable || (better.misfit >= before && !another)) return;
+        if (!better.usable || (better.misfit >= before && !another)) break;
         const bool settled = !another && better.misfit > kSettled * before;
         cause.fit = std::move(better);
-        problem.look_ahead(cause.fit);
         take_noise(problem, cause.fit);
-        if (settled || problem.out_of_time()) return;
+        if (settled || problem.out_of_time()) break;
     }
+    problem.look_ahead(cause.fit);
 }
 
 void keep_better(std::vector<Cause>& causes, Cause cause) {

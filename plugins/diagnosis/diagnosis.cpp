@@ -217,11 +217,12 @@ class SecondThread {
     SecondThread(const SecondThread&) = delete;
     SecondThread& operator=(const SecondThread&) = delete;
 
-    Result<void> begin(const GapRecording& recording, const EffectTable& effects) {
+    Result<void> begin(const GapRecording& recording, const EffectTable& effects, const Assumption& nominal) {
         TrajectoryModel* twin = recording.mechanics->twin();
         if (twin == nullptr) return {};
         simulator_.emplace(*twin, recording.sensors, effects);
         TERES_TRY_ASSIGN(outlook_, Outlook::make(recording, effects, problem_.options.calibration, true));
+        if (outlook_ != nullptr) outlook_->stand_on(nominal);
         beside_.emplace(Problem{*simulator_, problem_.recording, problem_.options, problem_.discrepancy,
                                 problem_.whitener, problem_.floor, outlook_.get(), problem_.limit});
         beside_->span = problem_.span;
@@ -266,7 +267,8 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
     if (!nominal.usable) return not_usable(out.name + ": the nominal model does not converge");
     stage(problem.options, "nominal fit")(1.0);
     SecondThread second(problem);
-    TERES_TRY(second.begin(recording, effects));
+    if (problem.outlook != nullptr) problem.outlook->stand_on(nominal.at);
+    TERES_TRY(second.begin(recording, effects, nominal.at));
 
     std::vector<Cause> causes = search(problem, nominal, nullptr, out.screening, before);
     const auto fails = [&](const Cause* cause) { return fails_later(problem, cause); };

@@ -25,11 +25,23 @@ Result<std::unique_ptr<Outlook>> Outlook::make(const GapRecording& from, const E
     return std::unique_ptr<Outlook>(new Outlook(std::move(recording), std::move(simulator), first, end, calibration));
 }
 
-double Outlook::later(const Assumption& at, double misfit, std::size_t num_fitted) {
+void Outlook::stand_on(const Assumption& nominal) {
+    nominal_ = nominal;
+    stands_.reset();
+}
+
+// Simulates from where it stands, on first use.
+bool Outlook::stands() {
     Eigen::VectorXd motion;
-    simulator_.set_horizon(end_);
-    const bool followed = simulator_.simulate(at, motion);
-    simulator_.set_horizon(0);
+    if (nominal_ && !stands_) stands_ = simulator_.simulate(*nominal_, motion);
+    return stands_.value_or(false);
+}
+
+double Outlook::later(const Assumption& at, double misfit, std::size_t num_fitted, bool roughly) {
+    Eigen::VectorXd motion;
+    const Horizon horizon(simulator_, end_);
+    const bool followed =
+        roughly && stands() ? simulator_.approximate(at, motion) : simulator_.simulate_apart(at, end_, motion);
     const auto channels = static_cast<Eigen::Index>(3 * recording_.num_markers);
     double sum = 0.0;
     std::size_t count = 0;

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 
 #include "plugins/diagnosis/calibration.h"
 #include "plugins/diagnosis/recording.h"
@@ -20,9 +21,12 @@ class Outlook {
                                                  const Calibration& calibration, bool with_twin = false);
 
     std::size_t end_frame() const { return end_; }
+    /// Where rough looks start from; whoever asks, and in whatever order, gets the same.
+    void stand_on(const Assumption& nominal);
     /// Half the difference between the cost of a fit on these frames, scaled to `num_fitted` numbers, and `misfit`, its
-    /// cost on the fitted ones: added to that it makes the mean of both.
-    double later(const Assumption& at, double misfit, std::size_t num_fitted);
+    /// cost on the fitted ones: added to that it makes the mean of both. `roughly`: at a fraction of its cost
+    /// (Simulator::approximate), once it stands somewhere.
+    double later(const Assumption& at, double misfit, std::size_t num_fitted, bool roughly = false);
 
   private:
     Outlook(Recording recording, Simulator simulator, std::size_t first, std::size_t end,
@@ -33,8 +37,12 @@ class Outlook {
           end_(end),
           calibration_(calibration) {}
 
+    bool stands();
+
     Recording recording_;
     Simulator simulator_;
+    std::optional<Assumption> nominal_;
+    std::optional<bool> stands_;
     std::size_t first_, end_;
     Calibration calibration_;
 };

@@ -94,8 +94,9 @@ struct Problem {
         return difference.array().isFinite().select(difference, 0.0);
     }
     /// Fills what a fit leaves beyond the fitted frames.
-    void look_ahead(Fit& fit) {
-        if (outlook != nullptr && fit.usable) fit.later = outlook->later(fit.at, fit.misfit, recording.fit_rows.size());
+    void look_ahead(Fit& fit, bool roughly = false) {
+        if (outlook != nullptr && fit.usable)
+            fit.later = outlook->later(fit.at, fit.residual.squaredNorm(), recording.fit_rows.size(), roughly);
     }
     /// What of a whitened residual lies beside the span of the motion; 0 where that is not told.
     double beside_span(const Eigen::VectorXd& residual) const { return span != nullptr ? span->beside(residual) : 0.0; }

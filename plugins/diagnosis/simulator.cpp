@@ -3,12 +3,17 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 namespace teres {
 namespace {
 
 constexpr double kMaxUnconvergedShare = 0.1;  // of the frames; more and the trajectory is no base for anything
 constexpr std::size_t kBatch = 64;            // hypotheses per first_order() call: progress and memory
+
+bool follows(const TrajectoryReport& report) {
+    return report.frames - report.frames_converged <= kMaxUnconvergedShare * static_cast<double>(report.frames);
+}
 
 }  // namespace
 
@@ -81,6 +86,20 @@ bool Simulator::simulate_at(const Assumption& assumption, std::span<const std::i
     return report.frames_converged == report.frames && markers_m.allFinite();
 }
 
+bool Simulator::simulate_apart(const Assumption& assumption, std::size_t num_frames, Eigen::VectorXd& observed) const {
+    const auto channels = static_cast<Eigen::Index>(3 * num_markers());
+    std::vector<std::int32_t> frames(std::min(num_frames, this->num_frames()));
+    std::iota(frames.begin(), frames.end(), 0);
+    Eigen::MatrixXd markers_m(channels, static_cast<Eigen::Index>(this->num_frames()));
+    const auto played = static_cast<Eigen::Index>(frames.size());
+    const auto list = instances(assumption, false);
+    const TrajectoryReport report = mechanics_.simulate_at(
+        {assumption.theta, list}, frames, {markers_m.data(), static_cast<std::size_t>(channels * played)});
+    markers_m.rightCols(markers_m.cols() - played).colwise() = Eigen::VectorXd(markers_m.col(played - 1));
+    observed = observe(assumption, markers_m.reshaped());
+    return observed.allFinite() && follows(report);
+}
+
 TrajectoryReport Simulator::simulate_variant(std::size_t variant, const Assumption& assumption,
                                              std::span<const std::int32_t> frames, std::span<double> markers_m,
                                              std::span<double> points_m) const {
@@ -108,8 +127,7 @@ bool Simulator::keep(const Assumption& assumption, TrajectoryReport report, Eige
     base_report_ = report;
     base_observed_ = observe(assumption, base_true_);
     observed = base_observed_;
-    return observed.allFinite() &&
-           report.frames - report.frames_converged <= kMaxUnconvergedShare * static_cast<double>(report.frames);
+    return observed.allFinite() && follows(report);
 }
 
 bool Simulator::same_mechanics(const Assumption& a, const Assumption& b) const {

@@ -37,6 +37,9 @@ class Simulator {
     /// Only the given frames (ascending), under an assumption without sensor effects; the others are NaN. The base
     /// stays what it is. False: a frame did not converge.
     bool simulate_at(const Assumption& assumption, std::span<const std::int32_t> frames, Eigen::VectorXd& trajectory);
+    /// What simulate() makes of so many frames from the first, of which there is one at least; later ones repeat the
+    /// last of them. The base stays what it is.
+    bool simulate_apart(const Assumption& assumption, std::size_t num_frames, Eigen::VectorXd& observed) const;
     /// The markers and points of a variant of the model (TrajectoryModel::simulate_variant), without sensor effects.
     TrajectoryReport simulate_variant(std::size_t variant, const Assumption& assumption,
                                       std::span<const std::int32_t> frames, std::span<double> markers_m,

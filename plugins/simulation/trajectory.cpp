@@ -519,7 +519,7 @@ TrajectoryReport Trajectory::simulate_variant(std::size_t index, const Hypothesi
 
 TrajectoryReport Trajectory::simulate_at(const Hypothesis& h, std::span<const std::int32_t> frames,
                                          std::span<double> markers_m) noexcept {
-    return player_->play_markers(h, effects_, frames, markers_m, {}, {}, true);
+    return player_->play_markers(h, effects_, frames, markers_m, {}, {}, !player_->scene().dynamic);
 }
 
 }  // namespace teres

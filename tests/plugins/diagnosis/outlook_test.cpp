@@ -63,6 +63,25 @@ TEST(Outlook, AModelThatCannotBeFollowedIsOut) {
     EXPECT_GT(toy.outlook()->later({}, 100.0, 600), 1e8);
 }
 
+// A rough look is one about the trajectory on which it stands, whatever was looked at in between.
+TEST(Outlook, ARoughLookStandsWhereItWasPut) {
+    LongRecording toy;
+    toy.beginning.known_supports = toy.whole.known_supports = false;
+    toy.whole.other_branch_m = kOffset;
+    const Assumption nominal{{250.0, 150.0}, {}}, other{{260.0, 170.0}, {}};
+    toy.observed = toy.whole.motion({other.theta, {}});
+    const auto outlook = toy.outlook();
+    ASSERT_NE(outlook, nullptr);
+    const double exact = -40.0, variance = kNoise * kNoise + std::pow(toy.calibration.white_floor_m, 2),
+                 off = 0.5 * (kOffset * kOffset / variance * 600.0 - 80.0);
+    EXPECT_DOUBLE_EQ(outlook->later(other, 80.0, 600, true), exact);  // it stands nowhere yet
+    outlook->stand_on(nominal);
+    EXPECT_NEAR(outlook->later(other, 80.0, 600, true), off, 1e-9 * off);
+    EXPECT_DOUBLE_EQ(outlook->later(other, 80.0, 600), exact);
+    EXPECT_NEAR(outlook->later(other, 80.0, 600, true), off, 1e-9 * off);
+    EXPECT_NEAR(outlook->later(nominal, 80.0, 600, true), outlook->later(nominal, 80.0, 600), 1e-9);
+}
+
 TEST(Outlook, OfAShortRecordingThereIsNone) {
     const LongRecording toy;
     GapRecording recording = toy.recording();
