@@ -15,6 +15,9 @@ namespace teres {
 namespace {
 
 constexpr double kNearlyAll = 0.97;  // explained: nothing is left for one more effect
+constexpr double kHides = 0.25;      // of what the nominal model leaves: the model's error hides what causes it
+constexpr double kNearer = 0.7;      // of the nominal gap: a state that is nearer to the one seen
+constexpr double kLessError = 0.5;   // of the nominal error: worth beginning again
 
 // A recording as far as it goes under assumptions that were fitted elsewhere or on its beginning.
 struct Forecast {
@@ -237,6 +240,36 @@ class SecondThread {
     std::unique_ptr<Outlook> outlook_;
 };
 
+// Where the nominal body with inertia swings far beyond where the real one was seen, what its model may be off by there
+// hides every cause. Then it is asked for where the effect that comes nearest takes the body. True: that is much less,
+// and taken from now on.
+Result<bool> take_error_where_seen(Problem& problem, const GapRecording& recording, const EffectTable& effects,
+                                   const Fit& nominal) {
+    if (!problem.simulator.mechanics().dynamic() || problem.floor.model < kHides * nominal.misfit) return false;
+    std::vector<Cause> causes;
+    {
+        SecondThread second(problem);
+        TERES_TRY(second.begin(recording, effects, nominal.at));
+        Screening screening;
+        causes = search(problem, nominal, nullptr, screening, nullptr);
+    }
+    const auto gap_m2 = [&](const Fit& fit) {
+        return mean_square(problem.recording, fit.trajectory, problem.recording.fit_rows);
+    };
+    std::erase_if(causes, [&](const Cause& c) {
+        return !c.fit.usable || problem.simulator.effects()[c.entries[0]].sensor ||
+               gap_m2(c.fit) > kNearer * kNearer * gap_m2(nominal);
+    });
+    const auto nearest = std::min_element(
+        causes.begin(), causes.end(), [&](const Cause& a, const Cause& b) { return gap_m2(a.fit) < gap_m2(b.fit); });
+    if (nearest == causes.end()) return false;
+    auto error = discrepancy_about(problem.simulator, nearest->fit.at,
+                                   stage(problem.options, "model error where the body was seen"));
+    if (!error || error->columns.norm() > kLessError * problem.discrepancy.columns.norm()) return false;
+    problem.discrepancy = std::move(*error);
+    return true;
+}
+
 Verdict judge_now(const Problem& problem, const Fit& nominal, const std::vector<Cause>& causes) {
     return judge(causes, left_of(nominal), problem.floor, problem.options.calibration);
 }
@@ -266,6 +299,11 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
         nominal_fit(problem, before != nullptr ? out.nominal.at : prior_median(*recording.mechanics));
     if (!nominal.usable) return not_usable(out.name + ": the nominal model does not converge");
     stage(problem.options, "nominal fit")(1.0);
+    if (before == nullptr) {
+        TERES_TRY_ASSIGN(const bool taken, take_error_where_seen(problem, recording, effects, nominal));
+        if (taken) nominal = nominal_fit(problem, nominal.at);
+        if (!nominal.usable) return not_usable(out.name + ": the nominal model does not converge");
+    }
     SecondThread second(problem);
     if (problem.outlook != nullptr) problem.outlook->stand_on(nominal.at);
     TERES_TRY(second.begin(recording, effects, nominal.at));

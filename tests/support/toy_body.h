@@ -225,6 +225,11 @@ class ToyBody final : public TrajectoryModel {
     TrajectoryReport simulate_variant(std::size_t v, const Hypothesis& h, std::span<const std::int32_t> listed,
                                       std::span<double> markers, std::span<double> points) noexcept override {
         pick(v == 0 ? motion(h, 0.97) : motion(h, 1.0, 0.4), listed, markers);
+        for (std::size_t k = 0; k < markers.size(); k += 3) {
+            const Eigen::Vector3d rest = toy_marker(k / 3 % kToyMarkers);
+            Eigen::Map<Eigen::Vector3d> at(&markers[k]);
+            at += std::pow((at - rest).norm() / strays_beyond_m, 6) * (at - rest);
+        }
         const auto all = static_cast<std::int32_t>(listed.size());
         std::int32_t converged = all;
         for (std::size_t k = 0; k < listed.size(); ++k) {
@@ -239,8 +244,9 @@ class ToyBody final : public TrajectoryModel {
         for (std::size_t k = 0; k < points.size(); ++k) points[k] = markers[k / 3 * 3 * kToyMarkers + k % 3];
         return {all, converged, 0.0};
     }
-    std::int32_t snaps_at = -1;  ///< frame at which a variant finds another equilibrium, 50 mm away along each axis
-    std::int32_t fails_at = -1;  ///< frame at which no variant converges
+    double strays_beyond_m = 1e9;  ///< motions as large as that are off by their own size in a variant, others less
+    std::int32_t snaps_at = -1;    ///< frame at which a variant finds another equilibrium, 50 mm away along each axis
+    std::int32_t fails_at = -1;    ///< frame at which no variant converges
 
     double holds_up_to_n = 1e9;  ///< a stronger unknown load ends in another equilibrium, 50 mm back along each axis
     /// An unknown load (which has a seventh parameter then, z) at the corner of the plate pulls here instead, and gives

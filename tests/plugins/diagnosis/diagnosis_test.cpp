@@ -101,6 +101,20 @@ TEST(Diagnosis, DynamicBodyWithoutNominalParameters) {
     EXPECT_TRUE(d->nominal.at.theta.empty());
 }
 
+// A body six times as stiff as the nominal one, whose variants stray where it swings far: nothing is known of what they
+// would say of the real one until they are asked where that was seen.
+TEST(Diagnosis, ModelErrorIsThatOfAStateThatWasSeen) {
+    const std::vector<double> v{6.0};
+    Scene scene({{test::ToyBody::kStiffness, v}});
+    scene.body.known_supports = scene.body.inertia = true;
+    scene.body.strays_beyond_m = 0.0125;
+    const auto d = scene.run();
+    ASSERT_TRUE(d) << d.error().text;
+
+    ASSERT_EQ(scene.names(*d), Names{"stiffness"}) << listing(*d, *scene.effects);
+    EXPECT_LT(d->floor_m, 0.5 * d->gap_m);
+}
+
 TEST(Diagnosis, ForceLikeCauseIsNamedPlacedAndTimed) {
     const std::vector<double> v{0.15, -0.1, -0.35, 0.08, 0.03, 5.3};
     Scene scene({{test::ToyBody::kUnknownLoad, v}});
