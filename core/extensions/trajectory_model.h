@@ -74,6 +74,7 @@ class TrajectoryModel : public EffectCatalogue {
     virtual void rebase() noexcept {}
 
     /// simulate() at the given frames only (ascending); markers_m has 3 M per listed frame. The base stays what it is.
+    /// Without inertia it ends at the first frame that does not converge.
     virtual TrajectoryReport simulate_at(const Hypothesis& h, std::span<const std::int32_t> frames,
                                          std::span<double> markers_m) noexcept = 0;
 
