@@ -290,9 +290,10 @@ Cause fitted_from(Problem& problem, const Fit& nominal, Cause cause, const Assum
 }
 
 void settle(Problem& problem, Cause& cause, int iterations) {
-    if (only_scatters(problem, cause.entries.back())) return;  // what it was added to is settled
-    const bool dynamic = problem.simulator.mechanics().dynamic();
-    for (int round = 0; round < (dynamic ? 1 : kSettleRounds); ++round) {
+    const bool dynamic = problem.simulator.mechanics().dynamic(),
+               scatters = only_scatters(problem, cause.entries.back());
+    const int rounds = scatters ? 0 : dynamic ? 1 : kSettleRounds;  // what noise was added to is settled
+    for (int round = 0; round < rounds; ++round) {
         const double before = cause.fit.residual.squaredNorm();
         Fit better = fit_from_whole(problem, cause.fit.at, iterations);
         // More than it left before: its course, frame after frame, ends in another equilibrium than the steps of the

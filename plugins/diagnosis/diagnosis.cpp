@@ -221,6 +221,7 @@ class SecondThread {
     SecondThread& operator=(const SecondThread&) = delete;
 
     Result<void> begin(const GapRecording& recording, const EffectTable& effects, const Assumption& nominal) {
+        if (problem_.outlook != nullptr) problem_.outlook->stand_on(nominal);  // as the other's, whoever fits what
         TrajectoryModel* twin = recording.mechanics->twin();
         if (twin == nullptr) return {};
         simulator_.emplace(*twin, recording.sensors, effects);
@@ -305,7 +306,6 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
         if (!nominal.usable) return not_usable(out.name + ": the nominal model does not converge");
     }
     SecondThread second(problem);
-    if (problem.outlook != nullptr) problem.outlook->stand_on(nominal.at);
     TERES_TRY(second.begin(recording, effects, nominal.at));
 
     std::vector<Cause> causes = search(problem, nominal, nullptr, out.screening, before);

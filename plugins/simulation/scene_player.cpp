@@ -220,7 +220,7 @@ TrajectoryReport ScenePlayer::play(const Hypothesis& h, const std::vector<std::u
     const std::size_t end = horizon > 0 ? std::min(horizon, times_.size()) : times_.size();
     const std::size_t num_wanted = frames.empty() ? end : frames.size();
     for (std::size_t f = 0; f < end && listed < num_wanted; ++f) {
-        const bool wanted = frames.empty() || (listed < frames.size() && static_cast<std::size_t>(frames[listed]) == f);
+        const bool wanted = frames.empty() || static_cast<std::size_t>(frames[listed]) == f;
         if (!wanted && !memory) continue;
         bool converged = true;
         if (!dynamic || f > 0) {
