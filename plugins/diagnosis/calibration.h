@@ -51,6 +51,8 @@ struct Calibration {
     double form_error_local_support = 0.2;
     /// ... with inertia: modulus, damping and mass have the forms of the catalogue.
     double form_error_dynamic = 0.02;
+    /// Beside looser forms of what is known no more than so many times what these take up is left as error of form.
+    double untold_form = 1.0;
     /// Static recordings: what is left above the floor after a further effect counts so many times as error of form of
     /// those before it.
     double rest_is_form = 2.0;

@@ -199,6 +199,14 @@ double form_share(const Problem& problem, const Cause& known) {
     return share;
 }
 
+// Whether looser forms of what is known tell how far off its form is: not with inertia, nor where a support begins to
+// hold differs from point to point.
+bool forms_tell(const Problem& problem, const Cause& known) {
+    return !problem.simulator.mechanics().dynamic() &&
+           std::none_of(known.entries.begin(), known.entries.end(),
+                        [&](std::size_t e) { return problem.simulator.effects()[e].local_support(); });
+}
+
 // Whether the last effect happens and those before it are there from the beginning, or the reverse: what is left of
 // frames without the one is no error of its form.
 bool apart_in_time(const EffectTable& effects, const Fit& fit) {
@@ -208,7 +216,7 @@ bool apart_in_time(const EffectTable& effects, const Fit& fit) {
 }
 
 // By what a further effect lowers ln above beside looser forms of the known ones. What even both leave is an error of
-// form that the known ones alone have too. Of what is global (EffectEntry::global()) that is not expected beforehand.
+// form that the known ones alone have too. Of what is global (EffectEntry::global()) no more than that is expected.
 double gain_beside_forms(const Problem& problem, const Fit& nominal, const Base& base, const Cause& cause) {
     const Calibration& c = problem.options.calibration;
     const ErrorFloor& floor = problem.floor;
@@ -216,7 +224,7 @@ double gain_beside_forms(const Problem& problem, const Fit& nominal, const Base&
     const bool fixed = problem.simulator.mechanics().dynamic() || !has_form(problem, base.known);
     const EffectTable& effects = problem.simulator.effects();
     const bool asked = !effects[cause.entries.back()].global() && !apart_in_time(effects, cause.fit);
-    const Left expected = asked ? form_error(problem, nominal, base.known) : Left(0.0);
+    const Left expected = asked ? untold_form_error(problem, nominal, base) : Left(0.0);
     const auto part = [&](double alone, double with, double of_form, double noise, double model) {
         const double form = of_form + (fixed ? 0.0 : c.rest_is_form * std::max(0.0, with - noise - model));
         const auto above = [&](double cost) { return std::max(0.0, cost - noise) + model + form; };
@@ -228,6 +236,14 @@ double gain_beside_forms(const Problem& problem, const Fit& nominal, const Base&
 }
 
 }  // namespace
+
+Left untold_form_error(const Problem& problem, const Fit& nominal, const Base& base) {
+    const Left most = form_error(problem, nominal, base.known), alone = base.known.left();
+    if (!forms_tell(problem, base.known)) return most;
+    const double told = problem.options.calibration.untold_form;
+    const double beside = std::min(most.beside, told * std::max(0.0, alone.beside - base.left.beside));
+    return {std::min(most.inside(), told * std::max(0.0, alone.inside() - base.left.inside())) + beside, beside};
+}
 
 Left form_error(const Problem& problem, const Fit& nominal, const Cause& known) {
     const double share = form_share(problem, known);

@@ -77,4 +77,7 @@ void sort_by_score(std::vector<Cause>& causes);
 /// What `known` may leave because a mechanical effect never has quite the form of the catalogue's.
 Left form_error(const Problem& problem, const Fit& nominal, const Cause& known);
 
+/// What of that looser forms of the known effects may miss: hardly more than what they take up, where they tell.
+Left untold_form_error(const Problem& problem, const Fit& nominal, const Base& base);
+
 }  // namespace teres

@@ -160,8 +160,8 @@ TEST_F(SearchFurther, WhatIsCloseBehindTheBestGetsWhatThatGained) {
 }
 
 // A softer plate that another tool pulls at from 6 s on. Beside the modulus, which may be off by 5 % of what it
-// explains, what the tool explains is worth more if it comes later than if it had always been there: nothing of it can
-// be an error of the modulus' form before.
+// explains as other forms of it explain half of what it leaves, what the tool explains is worth more if it comes later
+// than if it had always been there: nothing of it can be an error of the modulus' form before.
 TEST_F(SearchFurther, WhatComesLaterIsNoErrorOfFormOfWhatWasThere) {
     const EffectTable effects(body_, nullptr, {});
     const std::size_t modulus = effects.find("stiffness"), tool = effects.find("unknown_load");
@@ -176,7 +176,7 @@ TEST_F(SearchFurther, WhatComesLaterIsNoErrorOfFormOfWhatWasThere) {
     both.entries = {modulus, tool};
     both = fitted_from(*problem_, nominal_, std::move(both), {{}, {effects.candidate(modulus, 0), {tool, pull}}}, 8);
     ASSERT_LT(both.misfit, 0.2 * alone.misfit);
-    const Base base{alone, problem_->whitener, alone.fit, left_of(alone.fit)};
+    const Base base{alone, problem_->whitener, alone.fit, {0.5 * alone.fit.compared_cost()}};
     const auto score_from = [&](double onset_s) {
         Cause cause = both;
         cause.fit.at.effects.back().values[5] = onset_s;
@@ -185,6 +185,26 @@ TEST_F(SearchFurther, WhatComesLaterIsNoErrorOfFormOfWhatWasThere) {
     };
     const double of_price = problem_->options.calibration.further_mechanical;
     EXPECT_GT(score_from(6.0), score_from(0.0) + of_price + 1.0);
+}
+
+// A modulus that explains six tenths may leave a twentieth of that, but no more than other forms of it explain of what
+// it leaves.
+TEST_F(SearchFurther, WhatOtherFormsDoNotExplainIsNoErrorOfForm) {
+    const EffectTable effects(body_, nullptr, {});
+    const std::vector<double> soft{0.6};
+    body_.known_supports = true;
+    pose(body_.motion({{}, std::vector<EffectInstance>{{Toy::kStiffness, soft}}}), effects, nullptr);
+    Cause modulus;
+    modulus.entries = {effects.find("stiffness")};
+    modulus.fit.cost = modulus.misfit = 40.0;
+    nominal_.cost = 100.0;
+    const auto error = [&](double by_other_forms) {
+        const Base base{modulus, problem_->whitener, modulus.fit, {40.0 - by_other_forms}};
+        return untold_form_error(*problem_, nominal_, base).cost;
+    };
+    EXPECT_DOUBLE_EQ(error(0.0), 0.0);
+    EXPECT_DOUBLE_EQ(error(1.0), 1.0);
+    EXPECT_DOUBLE_EQ(error(20.0), 0.05 * 60.0);
 }
 
 // A plate in front of a shifted camera, and markers that slip; what a tilt leaves is less than the model's error.
