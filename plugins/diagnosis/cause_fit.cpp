@@ -261,11 +261,13 @@ void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause)
     problem.look_beside(cause.fit);
     cause.score = refit_score(nominal, cause, problem.simulator.effects(), floor, problem.options.calibration);
     cause.explained = explained_share(nominal.compared_cost(), cause.fit.compared_cost(), floor);
+    cause.form_nats = 0.0;
     if (base == nullptr) return;
     // A further effect is worth what it gains beside looser forms of the known ones.
     const double gain = floor.log_above(base->known.left()) - floor.log_above(cause.left());
-    cause.score -=
+    cause.form_nats =
         0.5 * problem.options.calibration.nu * std::max(0.0, gain - gain_beside_forms(problem, nominal, *base, cause));
+    cause.score -= cause.form_nats;
 }
 
 Fit fit_from_whole(Problem& problem, const Assumption& start, int iterations) {

@@ -239,7 +239,8 @@ Json to_json(const Diagnosis& d, const EffectTable& effects, const TrajectoryMod
                  {"occam_nats", cause.price.occam},
                  {"search_nats", cause.price.search},
                  {"narrow_nats", cause.price.narrow},
-                 {"further_nats", cause.price.further}});
+                 {"further_nats", cause.price.further},
+                 {"form_nats", cause.form_nats}});
     return json;
 }
 

@@ -99,6 +99,20 @@ std::vector<std::size_t> set_of(std::vector<std::size_t> entries) {
     return entries;
 }
 
+// What a set gained.
+struct Gift {
+    EffectScreening effect;
+    double form_nats = 0.0;  ///< of that, what other forms of the rest of the set explain as well
+};
+
+// What beside the best set looser forms of that explain as well is no evidence beside a rival either, though it has
+// another form, or one that is exact.
+void pay_alike(const Gift& gift, Cause& cause) {
+    const double more = std::max(0.0, gift.form_nats - cause.form_nats);
+    cause.form_nats += more;
+    cause.score -= more;
+}
+
 // Which sets get what one of them gained: so many at most that have not got it, no more nats behind the best than that.
 struct Rivals {
     std::size_t effects;  ///< of each set
@@ -108,8 +122,8 @@ struct Rivals {
 
 // Which of several sets looks best depends on what none of them has yet, the more so with inertia, where a body that is
 // loaded or held otherwise than the model moves quite differently: `gifts` are tried with the best sets.
-void give_to_rivals(Problem& problem, const Fit& nominal, const std::vector<EffectScreening>& gifts,
-                    const Rivals& which, std::vector<Cause>& causes) {
+void give_to_rivals(Problem& problem, const Fit& nominal, const std::vector<Gift>& gifts, const Rivals& which,
+                    std::vector<Cause>& causes) {
     std::vector<const Cause*> rivals;
     for (const Cause& cause : causes)
         if (cause.fit.usable && cause.entries.size() == which.effects) rivals.push_back(&cause);
@@ -117,17 +131,18 @@ void give_to_rivals(Problem& problem, const Fit& nominal, const std::vector<Effe
     std::erase_if(rivals, [&](const Cause* r) { return r->score < rivals.front()->score - which.behind_nats; });
     struct Trial {
         const Cause* known;
-        const EffectScreening* added;
+        const Gift* gift;
     };
     std::vector<Trial> trials;
     std::set<std::vector<std::size_t>> known;  // fitted, or to be
     for (const Cause& cause : causes) known.insert(set_of(cause.entries));
-    for (const EffectScreening& gift : gifts) {
+    for (const Gift& gift : gifts) {
+        const std::size_t entry = gift.effect.entry;
         std::size_t given = 0;
         for (const Cause* rival : rivals) {
-            if (given == which.most || contains(*rival, gift.entry)) continue;
+            if (given == which.most || contains(*rival, entry)) continue;
             std::vector<std::size_t> larger = rival->entries;
-            larger.push_back(gift.entry);
+            larger.push_back(entry);
             if (!known.insert(set_of(std::move(larger))).second) continue;
             trials.push_back({rival, &gift});
             ++given;
@@ -140,15 +155,20 @@ void give_to_rivals(Problem& problem, const Fit& nominal, const std::vector<Effe
     std::vector<Cause> larger(trials.size());
     side_by_side(problem, trials.size(), [&](Problem& p, std::size_t k) {
         if (p.out_of_time()) return;
-        larger[k] = refit(p, nominal, trials[k].known, *trials[k].added, kIterations);
+        const Gift& gift = *trials[k].gift;
+        larger[k] = refit(p, nominal, trials[k].known, gift.effect, kIterations);
         if (!larger[k].fit.usable) return;
         const Fit& alone = trials[k].known->fit;
         const Whitener looser = looser_whitener(p, alone);
         const Base base{*trials[k].known, looser, alone, left_under(p, looser, alone, nominal.u.size())};
-        score(p, nominal, &base, larger[k]);
+        const auto weigh = [&] {
+            score(p, nominal, &base, larger[k]);
+            pay_alike(gift, larger[k]);
+        };
+        weigh();
         if (larger[k].score >= best - kFarBehind) {
             settle(p, larger[k], kIterations);
-            score(p, nominal, &base, larger[k]);
+            weigh();
         }
         if (&p == &problem) report(static_cast<double>(k + 1) / static_cast<double>(trials.size()));
     });
@@ -199,9 +219,9 @@ std::vector<Cause> search_on_top_of(Problem& problem, const Fit& nominal, Cause 
 // not end the search. What each gained is given to the rivals of the set it was added to, and so is the first of the
 // best pair unless it has a place: how a body yields and dies out goes with every cause, a place makes up for one.
 void search_with_inertia(Problem& problem, const Fit& nominal, const Cause& base, std::vector<Cause>& causes) {
-    std::vector<EffectScreening> gifts;
+    std::vector<Gift> gifts;
     const auto given = [&](std::size_t entry) {
-        return std::any_of(gifts.begin(), gifts.end(), [&](const auto& gift) { return gift.entry == entry; });
+        return std::any_of(gifts.begin(), gifts.end(), [&](const Gift& gift) { return gift.effect.entry == entry; });
     };
     Cause best;
     const auto search_from = [&](const Cause& from) {
@@ -210,7 +230,7 @@ void search_with_inertia(Problem& problem, const Fit& nominal, const Cause& base
         const Cause& found = larger.front();
         const std::size_t gained = found.entries.back();
         if (found.score > from.score - kHopeless && !given(gained))
-            gifts.push_back(taken_from(found, gained, found.search_cost - from.search_cost));
+            gifts.push_back({taken_from(found, gained, found.search_cost - from.search_cost), found.form_nats});
         if (!best.fit.usable || found.score > best.score) best = found;
         const bool done = suffices(problem, found);
         add(causes, std::move(larger));
@@ -224,7 +244,7 @@ void search_with_inertia(Problem& problem, const Fit& nominal, const Cause& base
     const Cause* alone = fitted_alone(causes, first);
     const bool placed = centre_of(problem.simulator.effects()[first], best.fit.at.effects.front()).has_value();
     if (single && alone != nullptr && !placed && !given(first))
-        gifts.push_back(taken_from(best, first, alone->search_cost));
+        gifts.push_back({taken_from(best, first, alone->search_cost)});
     give_to_rivals(problem, nominal, gifts, {base.entries.size(), kRivals, kFarBehind}, causes);
 }
 
@@ -330,9 +350,10 @@ bool search_further(Problem& problem, const Fit& nominal, const Screening& scree
     if (best) add(causes, std::move(larger));
     if (problem.out_of_time()) return ended();
     if (best && base.entries.size() == 1 && best->score > base.score)
-        give_to_rivals(problem, nominal,
-                       {taken_from(*best, best->entries.back(), best->search_cost - base.search_cost)},
-                       {1, kCloseRivals, kCloseBehind}, causes);
+        give_to_rivals(
+            problem, nominal,
+            {{taken_from(*best, best->entries.back(), best->search_cost - base.search_cost), best->form_nats}},
+            {1, kCloseRivals, kCloseBehind}, causes);
     if (problem.out_of_time()) return ended();
     if (!after.made && !done && begins_otherwise())
         after = search_after_beginning(problem, nominal, *screening.of_beginning, false, causes);

@@ -159,6 +159,36 @@ TEST_F(SearchFurther, WhatIsCloseBehindTheBestGetsWhatThatGained) {
     }
 }
 
+// A tilted plate that another tool pulls at. The law, named first, is never quite the catalogue's, the tilt is: what
+// the tool explains beside the law is not worth more beside the tilt for that.
+TEST_F(SearchFurther, WhatOtherFormsExplainIsNoEvidenceBesideARivalEither) {
+    const EffectTable effects(body_, nullptr, {});
+    const std::size_t law = effects.find("material_law"), gravity = effects.find("gravity"),
+                      tool = effects.find("unknown_load");
+    const std::vector<double> tilt{0.1, -0.08, 0.1}, pull{0.9, -0.8, 1.0, 0.06, 0.05, 0.0};
+    body_.known_supports = true;
+    pose(body_.motion({{}, std::vector<EffectInstance>{{Toy::kGravity, tilt}, {Toy::kUnknownLoad, pull}}}), effects,
+         nullptr);
+    problem_->floor = {count(), 1e-3 * nominal_.misfit};
+    std::vector<Cause> causes;
+    for (const std::size_t entry : {law, gravity}) {
+        Cause cause;
+        cause.entries = {entry};
+        causes.push_back(fitted_from(*problem_, nominal_, std::move(cause), {{}, {effects.candidate(entry, 0)}}, 8));
+        causes.back().score = entry == law ? 4.0 : 3.0;
+    }
+    Screening screening;
+    ASSERT_TRUE(search_further(*problem_, nominal_, screening, causes));
+    const auto form_nats = [&](std::size_t first) {
+        const auto found = std::find_if(causes.begin(), causes.end(), [&](const Cause& c) {
+            return c.entries == std::vector<std::size_t>{first, tool};
+        });
+        return found != causes.end() ? found->form_nats : -1.0;
+    };
+    EXPECT_GT(form_nats(law), 1.0);
+    EXPECT_DOUBLE_EQ(form_nats(gravity), form_nats(law));
+}
+
 // A softer plate that another tool pulls at from 6 s on. Beside the modulus, which may be off by 5 % of what it
 // explains as other forms of it explain half of what it leaves, what the tool explains is worth more if it comes later
 // than if it had always been there: nothing of it can be an error of the modulus' form before.
