@@ -92,13 +92,22 @@ Assumption plus(Assumption at, const ActiveEffect& added) {
     return at;
 }
 
+// `at` with the values of `beside` for those of its effects that are among them.
+Assumption with_values(Assumption at, const std::vector<ActiveEffect>& beside) {
+    for (ActiveEffect& effect : at.effects)
+        for (const ActiveEffect& other : beside)
+            if (other.entry == effect.entry) effect = other;
+    return at;
+}
+
 // A whole trajectory with the effect on. Where the body does not hold under what first order asks for, or is far
 // further off than without the effect, it is met half way: no descent leads back from another equilibrium. With inertia
 // half of it, as the effect was tried on that (try_beginnings()), and how far it is off is a matter of phase. Nothing
 // if it does not hold, or is hopelessly far off.
-std::optional<Assumption> whole_start(Problem& problem, const Fit& without, const ActiveEffect& added) {
+std::optional<Assumption> whole_start(Problem& problem, const Fit& without, const EffectScreening& added) {
     Simulator& simulator = problem.simulator;
-    Assumption start = plus(near_prior(simulator.mechanics(), without.at), added);
+    const Assumption known = with_values(near_prior(simulator.mechanics(), without.at), added.beside);
+    Assumption start = plus(known, added.start);
     const EffectEntry& entry = simulator.effects()[added.entry];
     const bool dynamic = simulator.mechanics().dynamic(), line_search = !std::isfinite(problem.worst_start);
     const Horizon half(simulator, dynamic ? simulator.num_frames() / 2 : 0);
@@ -140,8 +149,9 @@ void try_complement(Problem& problem, const Fit& without, const ActiveEffect& ad
     }
 }
 
-Fit fit_with(Problem& problem, const Fit& without, bool further, const ActiveEffect& added, int iterations) {
-    const auto start = whole_start(problem, without, added);
+Fit fit_with(Problem& problem, const Fit& without, bool further, const EffectScreening& screened, int iterations) {
+    const ActiveEffect& added = screened.start;
+    const auto start = whole_start(problem, without, screened);
     if (!start) return {};
     Fit fit = problem.fit(*start, iterations);
     // With one effect more it cannot leave more: it went astray.
@@ -172,9 +182,8 @@ Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const Effe
     }
     cause.entries.push_back(added.entry);
     cause.search_cost += added.search_cost;
-    cause.fit = only_scatters(problem, added.entry)
-                    ? fit_from_whole(problem, plus(without.at, added.start), 0)
-                    : fit_with(problem, without, known != nullptr, added.start, iterations);
+    cause.fit = only_scatters(problem, added.entry) ? fit_from_whole(problem, plus(without.at, added.start), 0)
+                                                    : fit_with(problem, without, known != nullptr, added, iterations);
     if (!cause.fit.usable) return cause;
     problem.look_ahead(cause.fit, true);
     take_noise(problem, cause.fit);

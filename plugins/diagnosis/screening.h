@@ -32,12 +32,13 @@ struct PlaceGain {
 
 struct EffectScreening {
     std::size_t entry = 0;
-    double score = 0.0;             ///< ln of the mean over candidates of exp(score) [nats]
-    double search_cost = 0.0;       ///< best candidate's score minus `score`
-    double explained = 0.0;         ///< share of cost_0 that the best candidate takes away
-    ActiveEffect start;             ///< best candidate with fitted amplitudes
-    std::size_t candidate = 0;      ///< which one that is
-    std::vector<PlaceGain> places;  ///< map over the body; empty for effects without a place
+    double score = 0.0;                  ///< ln of the mean over candidates of exp(score) [nats]
+    double search_cost = 0.0;            ///< best candidate's score minus `score`
+    double explained = 0.0;              ///< share of cost_0 that the best candidate takes away
+    ActiveEffect start;                  ///< best candidate with fitted amplitudes
+    std::vector<ActiveEffect> beside{};  ///< with it, known effects start here and not where they were (beginnings.h)
+    std::size_t candidate = 0;           ///< which one that is
+    std::vector<PlaceGain> places;       ///< map over the body; empty for effects without a place
     std::size_t num_candidates = 0;
     double visibility = 0.0;    ///< S of the best-visible candidate: chi^2 at one prior standard deviation
     Eigen::MatrixXd signature;  ///< (I + J J^T)^-1/2-weighted columns of the best-visible candidate, for overlaps

@@ -1,7 +1,9 @@
 #include "plugins/diagnosis/search.h"
 
 #include <algorithm>
+#include <optional>
 #include <string_view>
+#include <utility>
 
 #include "plugins/diagnosis/beginnings.h"
 #include "plugins/diagnosis/search_steps.h"
@@ -89,6 +91,28 @@ void fit_family(Problem& problem, const Fit& nominal, const Base* base, const Sc
         causes.push_back(std::move(cause));
 }
 
+// Every effect on the beginning, beside what is known as it is; where that is far from usual, beside usual amplitudes,
+// too, and screened anew there.
+std::vector<EffectScreening> tried_on_beginning(Problem& problem, const Fit& from, Screening screening,
+                                                const Whitener& whitener, const Base* base) {
+    const auto report = stage(problem.options, base == nullptr ? "trying effects" : "trying further effects");
+    const std::optional<Assumption> usual = at_usual_size(problem.simulator, from.at);
+    const double half = usual ? 0.5 : 1.0, before = left_of_beginning(problem, from.at);
+    std::vector<EffectScreening> begun = try_beginnings(problem, from.at, before, std::move(screening),
+                                                        [&](double part) { return report(half * part); });
+    for (EffectScreening& effect : begun) effect.beside.clear();  // what is known was fitted to more than the beginning
+    if (!usual || problem.out_of_time()) return begun;
+    const Fit anew = problem.fit(*usual, 0);
+    if (!anew.usable) return begun;
+    const Signatures all =
+        signatures(problem.simulator, anew, left_out(problem.simulator.effects(), base), [](double) { return true; });
+    return better_of(std::move(begun),
+                     try_beginnings(problem, *usual, before,
+                                    screen(problem.simulator, all, whitener, problem.floor, anew,
+                                           problem.options.calibration, problem.recording.num_frames / 4),
+                                    [&](double part) { return report(half * (1.0 + part)); }));
+}
+
 // Effects that were not fitted, with their linear score.
 void add_screened(const Screening& screening, std::vector<Cause>& causes) {
     for (const EffectScreening& effect : screening.effects) {
@@ -129,9 +153,7 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base
                       [&](const EffectScreening& effect) { return effect.score <= -base->far_nats; });
     std::vector<EffectScreening> chosen;
     if (problem.simulator.mechanics().dynamic()) {
-        const auto begun =
-            try_beginnings(problem, from, screen_first(frames / 4),
-                           stage(options, known == nullptr ? "trying effects" : "trying further effects"));
+        const auto begun = tried_on_beginning(problem, from, screen_first(frames / 4), whitener, base);
         take_from_beginning(problem.simulator.effects(), begun, screening);
         chosen = choose_with_inertia(problem.simulator.effects(), begun,
                                      known == nullptr ? static_cast<std::size_t>(options.num_refits) : kFurtherBegun,

@@ -21,6 +21,7 @@ constexpr double kHardlyLess = 0.9;      // of what is left without the second e
 constexpr double kVeryMuch = 5.0;        // times what noise and model error explain
 constexpr double kFarFromPrior = 6.0;    // nats of every effect: a sensor beside one of usual size may cost less
 constexpr double kTrace = 0.1;           // prior standard deviations of every amplitude of an effect
+constexpr double kMuchMore = 2.0;        // times what the set that gave leaves
 constexpr double kFormShare = 0.2;       // standard deviation of a form, share of the effect's motion
 
 // The whitener in use, with columns for what the known effects may get wrong of their form.
@@ -102,8 +103,28 @@ std::vector<std::size_t> set_of(std::vector<std::size_t> entries) {
 // What a set gained.
 struct Gift {
     EffectScreening effect;
-    double form_nats = 0.0;  ///< of that, what other forms of the rest of the set explain as well
+    double form_nats = 0.0;              ///< of that, what other forms of the rest of the set explain as well
+    double misfit = 0.0;                 ///< of the set, with inertia ...
+    std::vector<ActiveEffect> beside{};  ///< ... and how its other effects are
 };
+
+Gift gift_of(const Cause& found, double search_cost) {
+    return {taken_from(found, found.entries.back(), search_cost), found.form_nats, found.misfit, found.fit.at.effects};
+}
+
+// A rival with the gift. Where it leaves much more than the set that gave, what they share may have taken up what the
+// gift explains now (a damping for a mass): it is also fitted from how that is in the other set.
+Cause with_gift(Problem& problem, const Fit& nominal, const Cause& rival, const Gift& gift) {
+    Cause larger = refit(problem, nominal, &rival, gift.effect, kIterations);
+    const bool shares = std::any_of(gift.beside.begin(), gift.beside.end(),
+                                    [&](const ActiveEffect& effect) { return contains(rival, effect.entry); });
+    if (!shares || problem.out_of_time() || (larger.fit.usable && larger.fit.misfit < kMuchMore * gift.misfit))
+        return larger;
+    EffectScreening anew = gift.effect;
+    anew.beside = gift.beside;
+    Cause other = refit(problem, nominal, &rival, anew, kIterations);
+    return other.fit.usable && (!larger.fit.usable || other.fit.cost < larger.fit.cost) ? other : larger;
+}
 
 // What beside the best set looser forms of that explain as well is no evidence beside a rival either, though it has
 // another form, or one that is exact.
@@ -156,7 +177,7 @@ void give_to_rivals(Problem& problem, const Fit& nominal, const std::vector<Gift
     side_by_side(problem, trials.size(), [&](Problem& p, std::size_t k) {
         if (p.out_of_time()) return;
         const Gift& gift = *trials[k].gift;
-        larger[k] = refit(p, nominal, trials[k].known, gift.effect, kIterations);
+        larger[k] = with_gift(p, nominal, *trials[k].known, gift);
         if (!larger[k].fit.usable) return;
         const Fit& alone = trials[k].known->fit;
         const Whitener looser = looser_whitener(p, alone);
@@ -230,7 +251,7 @@ void search_with_inertia(Problem& problem, const Fit& nominal, const Cause& base
         const Cause& found = larger.front();
         const std::size_t gained = found.entries.back();
         if (found.score > from.score - kHopeless && !given(gained))
-            gifts.push_back({taken_from(found, gained, found.search_cost - from.search_cost), found.form_nats});
+            gifts.push_back(gift_of(found, found.search_cost - from.search_cost));
         if (!best.fit.usable || found.score > best.score) best = found;
         const bool done = suffices(problem, found);
         add(causes, std::move(larger));

@@ -120,6 +120,24 @@ TEST(CauseFit, BeginsNoFurtherOffThanWithoutTheEffect) {
     for (std::size_t a = 0; a < 3; ++a) EXPECT_NEAR(found.fit.at.effects[0].values[a], 0.3, 0.02);
 }
 
+// A modulus ten times too large, and no step to bring it back: with the tilt it starts where that was tried beside it.
+TEST(CauseFit, BeginsBesideWhatItWasTriedWith) {
+    test::ToyBody body;
+    const std::vector<double> soft{0.6}, tilt{0.8, -0.5, 0.6};
+    Posed posed(body, {{test::ToyBody::kStiffness, soft}, {test::ToyBody::kGravity, tilt}});
+    Cause hiding;
+    hiding.entries = {posed.effects.find("stiffness")};
+    hiding.fit = posed.problem.fit({kSupports, {{hiding.entries[0], {6.0}}}}, 0);
+    const Fit nominal = posed.problem.fit({kSupports, {}}, 0);
+    EffectScreening added;
+    added.entry = posed.effects.find("gravity");
+    added.start = {added.entry, tilt};
+    const auto misfit = [&] { return refit(posed.problem, nominal, &hiding, added, 0).fit.misfit; };
+    const double as_it_was = misfit();
+    added.beside = {{hiding.entries[0], soft}};
+    EXPECT_LT(misfit(), 1e-6 * as_it_was);
+}
+
 // A tool from 5 s on beside a tilt, found without the tilt as one that acts the other way round until then.
 TEST(CauseFit, BesideASteadyLoadAToolMayActTheOtherWayRound) {
     test::ToyBody body;
