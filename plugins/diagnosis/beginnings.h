@@ -25,7 +25,8 @@ std::vector<EffectScreening> try_beginnings(Problem& problem, const Assumption& 
 /// nothing of a mass. The same with usual amplitudes where they are far from that; nothing if none is.
 std::optional<Assumption> at_usual_size(const Simulator& simulator, const Assumption& known);
 
-/// Each effect as it was tried first, or `anew` where that is clearly better, best first.
+/// Each effect as it was tried first, or `anew` where that is clearly better or the first was worth nothing; best
+/// first.
 std::vector<EffectScreening> better_of(std::vector<EffectScreening> begun, const std::vector<EffectScreening>& anew);
 
 /// With inertia, what the whole recording says of mechanics at first order is void: no more than the beginning shows.

@@ -225,7 +225,7 @@ bool apart_in_time(const EffectTable& effects, const Fit& fit) {
 }
 
 // By what a further effect lowers ln above beside looser forms of the known ones. What even both leave is an error of
-// form that the known ones alone have too. Of what is global (EffectEntry::global()) no more than that is expected.
+// form that the known ones alone have too. Of what is global (EffectEntry::global()) that is not expected beforehand.
 double gain_beside_forms(const Problem& problem, const Fit& nominal, const Base& base, const Cause& cause) {
     const Calibration& c = problem.options.calibration;
     const ErrorFloor& floor = problem.floor;

@@ -104,8 +104,8 @@ std::vector<std::size_t> set_of(std::vector<std::size_t> entries) {
 struct Gift {
     EffectScreening effect;
     double form_nats = 0.0;              ///< of that, what other forms of the rest of the set explain as well
-    double misfit = 0.0;                 ///< of the set, with inertia ...
-    std::vector<ActiveEffect> beside{};  ///< ... and how its other effects are
+    double misfit = 0.0;                 ///< of the set that gave
+    std::vector<ActiveEffect> beside{};  ///< its effects
 };
 
 Gift gift_of(const Cause& found, double search_cost) {
@@ -371,10 +371,8 @@ bool search_further(Problem& problem, const Fit& nominal, const Screening& scree
     if (best) add(causes, std::move(larger));
     if (problem.out_of_time()) return ended();
     if (best && base.entries.size() == 1 && best->score > base.score)
-        give_to_rivals(
-            problem, nominal,
-            {{taken_from(*best, best->entries.back(), best->search_cost - base.search_cost), best->form_nats}},
-            {1, kCloseRivals, kCloseBehind}, causes);
+        give_to_rivals(problem, nominal, {gift_of(*best, best->search_cost - base.search_cost)},
+                       {1, kCloseRivals, kCloseBehind}, causes);
     if (problem.out_of_time()) return ended();
     if (!after.made && !done && begins_otherwise())
         after = search_after_beginning(problem, nominal, *screening.of_beginning, false, causes);
