@@ -56,6 +56,7 @@ Cause fitted(const Json& fit) {
     const auto nats = [&](const char* name) { return fit.at(name).get<double>(); };
     cause.price = {nats("tail_nats"),   nats("extreme_nats"), nats("scale_nats"),  nats("occam_nats"),
                    nats("search_nats"), nats("narrow_nats"),  nats("further_nats")};
+    cause.form_nats = fit.value("form_nats", 0.0);  // older evidence has none
     return cause;
 }
 

@@ -47,8 +47,10 @@ double price_of_rival(const std::vector<Cause>& causes, const Left& rest, const 
     return rival->price.total() - rival->price.scales - rival->price.extreme;
 }
 
-// What looser forms of the best cause would explain besides, or what a rough form is expected to leave [nats]: no
-// evidence for something else.
+// What looser forms of the best cause would explain besides, what a rough form is expected to leave, or what other
+// forms of the rest of the set explain as well as its last effect does [nats]: no evidence for something else. The
+// score of a set leaves the last out, too: a body whose ligament tears elsewhere tells as little of a second cause as
+// of an unknown one.
 double forms_of_best(const std::vector<Cause>& causes, const Left& nominal, const ErrorFloor& floor,
                      const Calibration& calibration) {
     const Cause* best = best_fitted(causes);
@@ -58,7 +60,7 @@ double forms_of_best(const std::vector<Cause>& causes, const Left& nominal, cons
     if (best->rough_form)
         without = std::min(
             without, best->misfit - calibration.form_error_local_support * std::max(0.0, nominal.cost - best->misfit));
-    return std::max(0.0, gain(best->left(), floor.scaled(best->left(), without), floor, calibration));
+    return std::max(best->form_nats, gain(best->left(), floor.scaled(best->left(), without), floor, calibration));
 }
 
 // Whatever acts on the body takes it to about the state that it is in under the best cause: what the model may be off

@@ -65,6 +65,22 @@ TEST(Verdict, UnknownIsWorthWhatItGainsBesideFormsOfTheBest) {
     EXPECT_NEAR(lead_of_unknown(cause), alone, 1e-6);
 }
 
+// What other forms of the rest of a set explain as well (2.0 nats, which its score leaves out) is no more evidence for
+// an unknown effect than for the set's last one.
+TEST(Verdict, WhatFormsOfTheRestOfASetExplainSpeaksNoMoreForUnknown) {
+    const auto lead_of_unknown = [](Cause pair, double form_nats) {
+        pair.form_nats = form_nats;
+        pair.score -= form_nats;
+        const Verdict verdict = judge({pair, fitted({0}, 8.0, 5.0)}, kNominal, kFloor, kEvidence);
+        return Calibration{}.temperature * std::log(verdict.unknown_probability / probability_of(verdict, {0, 1}));
+    };
+    Cause pair = fitted({0, 1}, 3.0, 5.0);
+    const double alone = lead_of_unknown(pair, 0.0);
+    EXPECT_NEAR(lead_of_unknown(pair, 2.0), alone, 1e-6);
+    pair.rough_form = true;  // the larger of both, not their sum: a fifth of the 7 that it explains is worth more
+    EXPECT_NEAR(lead_of_unknown(pair, 2.0), alone - 22.5 * std::log(4.0 / 2.6) + 2.0, 1e-6);
+}
+
 // Where the model may be off by 2 under the best cause, `unknown` leaves 1.0 + 0.03 (10 - 1.0) = 1.27.
 TEST(Verdict, UnknownReachesTheModelErrorOfTheStateUnderTheBest) {
     const auto lead_of_unknown = [](double model_error) {
