@@ -80,4 +80,18 @@ void BlockPattern::multiply(const std::vector<double>& values, const double* x, 
     }
 }
 
+BlockPattern::Rows BlockPattern::multiply(const std::vector<double>& values, const Rows& X) const {
+    Rows Y = Rows::Zero(X.rows(), X.cols());
+    for (Eigen::Index j = 0; j < X.rows(); ++j) {
+        const auto first = column_start_[static_cast<std::size_t>(j)],
+                   last = column_start_[static_cast<std::size_t>(j) + 1];
+        for (auto k = static_cast<std::size_t>(first); k < static_cast<std::size_t>(last); ++k) {
+            const Eigen::Index i = row_[k];
+            Y.row(i) += values[k] * X.row(j);
+            if (i != j) Y.row(j) += values[k] * X.row(i);
+        }
+    }
+    return Y;
+}
+
 }  // namespace teres

@@ -32,6 +32,9 @@ class BlockPattern {
     void add(NodeIndex a, NodeIndex b, std::int32_t block, const Eigen::Matrix3d& K, std::vector<double>& values) const;
     /// y += K x for the matrix with these values (x, y over free rows).
     void multiply(const std::vector<double>& values, const double* x, double* y) const;
+    /// K X of several vectors at once.
+    using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+    Rows multiply(const std::vector<double>& values, const Rows& X) const;
 
   private:
     std::int32_t num_free_ = 0;

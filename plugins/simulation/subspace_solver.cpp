@@ -56,12 +56,11 @@ bool SubspaceSolver::start_metric(const ExternalActions& actions, const Inertia&
     for (std::size_t p = 0; p < system_.parts().num_parameters; ++p) theta_one_[p] = theta[p * stride];
     if (!system_.tangent(actions, inertia, 0, theta_one_.data(), positions, values_)) return false;
     const auto& pattern = system_.pattern();
-    MatrixXd free = MatrixXd::Zero(pattern.num_rows(), basis_.cols()), K_free = free;
+    BlockPattern::Rows free = BlockPattern::Rows::Zero(pattern.num_rows(), basis_.cols());
     for (std::size_t i = 0; i < system_.num_nodes(); ++i)
         if (const auto row = pattern.free_index(static_cast<NodeIndex>(i)); row >= 0)
             free.middleRows<3>(3 * static_cast<Index>(row)) = basis_.middleRows<3>(3 * static_cast<Index>(i));
-    for (Index k = 0; k < basis_.cols(); ++k) pattern.multiply(values_, free.col(k).data(), K_free.col(k).data());
-    const Eigen::LDLT<MatrixXd> reduced(free.transpose() * K_free);
+    const Eigen::LDLT<MatrixXd> reduced(free.transpose() * pattern.multiply(values_, free));
     if (reduced.info() != Eigen::Success || !reduced.isPositive()) return false;
     H_ = reduced.solve(MatrixXd::Identity(basis_.cols(), basis_.cols()));
     coefficient_ = inertia.coefficient;

@@ -86,6 +86,20 @@ TEST(Cholesky, ACopyKeepsItsFactorWhenTheFirstIsUsedAgain) {
     EXPECT_LT((by_first - truth).norm(), 1e-12 * truth.norm());
 }
 
+TEST(BlockPattern, SeveralVectorsAtOnceAreEachOfThem) {
+    const Springs springs(2.0);
+    const Eigen::Index n = springs.pattern.num_rows();
+    const BlockPattern::Rows X = BlockPattern::Rows::NullaryExpr(
+        n, 5, [](Eigen::Index i, Eigen::Index j) { return std::cos(0.3 * double(i) + double(j)); });
+    const BlockPattern::Rows together = springs.pattern.multiply(springs.values, X);
+    for (Eigen::Index j = 0; j < X.cols(); ++j) {
+        const Eigen::VectorXd x = X.col(j);
+        Eigen::VectorXd alone = Eigen::VectorXd::Zero(n);
+        springs.pattern.multiply(springs.values, x.data(), alone.data());
+        EXPECT_LT((together.col(j) - alone).norm(), 1e-12 * alone.norm());
+    }
+}
+
 // A BLAS that is built without locks (Debian's libopenblas0-serial) gave errors of 0.3.
 TEST(Cholesky, TwoThreadsDoNotDisturbEachOther) {
     auto other = std::async(std::launch::async, [] { return worst_error(3.0); });
