@@ -409,7 +409,7 @@ Result<Plan> plan(const GapRecording& from, const EffectTable& effects, const Di
         return not_usable(recording.name + ": the nominal model does not converge at its prior median");
     recording.observed = recording.observed.array().isFinite().select(motion, recording.observed);
     problem.whitener = whitener_for(recording, problem.discrepancy, motion, options.calibration);
-    const Fit nominal = problem.fit(median, 0);
+    const Fit nominal = problem.fit_on(median, 0);
     const ErrorFloor floor = error_floor(problem.whitener, problem.discrepancy, nominal.J, recording.noise_m,
                                          from.mechanics->dynamic(), options.calibration);
     Plan out{recording.name,

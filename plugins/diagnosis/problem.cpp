@@ -65,7 +65,8 @@ Fit nominal_fit(Problem& problem, const Assumption& start) {
         problem.whitener = whitener_for(problem.recording, problem.discrepancy, about, problem.options.calibration);
     };
     reweigh(motion);
-    Fit fit = problem.fit(start, 8, true);
+    // Without ligaments nothing is to be fitted.
+    Fit fit = start.theta.empty() ? problem.fit_on(start, 0) : problem.fit(start, 8, true);
     if (!fit.usable) return fit;
     const double inside = mean_square(problem.recording, fit.trajectory, problem.recording.fit_rows);
     const double outside = mean_square(problem.recording, fit.trajectory, problem.recording.held_rows);
