@@ -23,19 +23,20 @@ double fitted_numbers(const EffectTable& effects, std::size_t entry) {
     return static_cast<double>(all - amplitudes + counted_amplitudes(amplitudes));
 }
 
-Fit fit_first(Problem& problem, std::size_t share, const Assumption& start, int iterations) {
+}  // namespace
+
+Fit fit_beginning(Problem& problem, std::size_t share, const Assumption& start, int iterations) {
     return fit_jointly(problem.simulator, problem.whitener, problem.recording.observed, start,
                        {.max_iterations = iterations, .num_frames = problem.recording.num_frames / share});
 }
 
-}  // namespace
-
 double left_of_beginning(Problem& problem, const Assumption& known) {
-    return fit_first(problem, 2, known, 3).cost;
+    return fit_beginning(problem, 2, known, 3).cost;
 }
 
 std::vector<EffectScreening> try_beginnings(Problem& problem, const Assumption& known, double before,
-                                            Screening screening, const Simulator::Progress& report) {
+                                            Screening screening, double most_of_quarter,
+                                            const Simulator::Progress& report) {
     // Steps of a fit are taken in motions about the last whole one: that of what is known, whichever thread it is.
     const auto follow_half = [&](Problem& p) {
         if (p.simulator.starts_from(known)) return true;
@@ -57,9 +58,10 @@ std::vector<EffectScreening> try_beginnings(Problem& problem, const Assumption& 
         Assumption start = known;
         start.effects.push_back(effect.start);
         halve(p.simulator.effects()[effect.entry], start.effects.back());  // first order asks for too much
-        Fit fit = fit_first(p, 4, start, 4);
-        if (fit.usable) fit = fit_first(p, 2, fit.at, 4);
-        if (fit.usable) {
+        Fit fit = fit_beginning(p, 4, start, 4);
+        const bool tried_on = fit.usable && fit.cost <= most_of_quarter;
+        if (tried_on) fit = fit_beginning(p, 2, fit.at, 4);
+        if (tried_on && fit.usable) {
             effect.explained = 1.0 - fit.cost / before;
             effect.score = -0.5 * nu * std::log(fit.cost / before) -
                            0.5 * fitted_numbers(p.simulator.effects(), effect.entry) * std::log(nu);

@@ -10,6 +10,9 @@
 
 namespace teres {
 
+/// A fit to one part in `share` of the fitted frames.
+Fit fit_beginning(Problem& problem, std::size_t share, const Assumption& start, int iterations);
+
 /// What a fit of what is known to half of the beginning leaves.
 double left_of_beginning(Problem& problem, const Assumption& known);
 
@@ -18,8 +21,11 @@ double left_of_beginning(Problem& problem, const Assumption& known);
 /// refit starts, and those of what is known are its `beside`. `screening`: of the beginning. Returns what is worth its
 /// numbers there, best first, with
 ///     score = -(nu/2) ln(left / before) - (k/2) ln nu,     k: its numbers [nats], before: left_of_beginning()
+///
+/// What leaves more than `most_of_quarter` there is not tried on half.
 std::vector<EffectScreening> try_beginnings(Problem& problem, const Assumption& known, double before,
-                                            Screening screening, const Simulator::Progress& report);
+                                            Screening screening, double most_of_quarter,
+                                            const Simulator::Progress& report);
 
 /// What is known took up what it could of what is missing, and may hide it: a body so damped that it hardly swings says
 /// nothing of a mass. The same with usual amplitudes where they are far from that; nothing if none is.

@@ -279,6 +279,12 @@ void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause)
     cause.score -= cause.form_nats;
 }
 
+void pay_alike(double form_nats, Cause& cause) {
+    const double more = std::max(0.0, form_nats - cause.form_nats);
+    cause.form_nats += more;
+    cause.score -= more;
+}
+
 Fit fit_from_whole(Problem& problem, const Assumption& start, int iterations) {
     Eigen::VectorXd trajectory;
     if (!problem.simulator.simulate(start, trajectory)) return {};
@@ -333,6 +339,10 @@ void settle(Problem& problem, Cause& cause, int iterations) {
         if (settled || problem.out_of_time()) break;
     }
     problem.look_ahead(cause.fit);
+}
+
+bool contains(const Cause& cause, std::size_t entry) {
+    return std::find(cause.entries.begin(), cause.entries.end(), entry) != cause.entries.end();
 }
 
 void keep_better(std::vector<Cause>& causes, Cause cause) {

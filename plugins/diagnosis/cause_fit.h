@@ -50,6 +50,10 @@ void settle(Problem& problem, Cause& cause, int iterations);
 /// Fills score and explained. `base`: what the cause was searched on top of, or null.
 void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause);
 
+/// What beside another set looser forms of that explain as well (its Cause::form_nats) is no evidence beside this one
+/// either, though what it has in its place has another form, or one that is exact.
+void pay_alike(double form_nats, Cause& cause);
+
 /// What a fit leaves under another whitener, without the price of its effects.
 Left left_under(const Problem& problem, const Whitener& whitener, const Fit& fit, Eigen::Index nominal_parameters);
 
@@ -58,6 +62,8 @@ void take_noise(Problem& problem, Fit& fit);
 
 /// The amplitudes of an effect half way back to where it is off.
 void halve(const EffectEntry& entry, ActiveEffect& effect);
+
+bool contains(const Cause& cause, std::size_t entry);
 
 /// Adds a cause, or puts it in the place of a worse one of the same effects.
 void keep_better(std::vector<Cause>& causes, Cause cause);

@@ -10,6 +10,7 @@
 #include "plugins/diagnosis/search_further.h"
 #include "plugins/diagnosis/search_steps.h"
 #include "plugins/diagnosis/share_work.h"
+#include "plugins/diagnosis/swing.h"
 
 namespace teres {
 namespace {
@@ -241,31 +242,41 @@ class SecondThread {
     std::unique_ptr<Outlook> outlook_;
 };
 
-// Where the nominal body with inertia swings far beyond where the real one was seen, what its model may be off by there
-// hides every cause. Then it is asked for where the effect that comes nearest takes the body. True: that is much less,
-// and taken from now on.
-Result<bool> take_error_where_seen(Problem& problem, const GapRecording& recording, const EffectTable& effects,
-                                   const Fit& nominal) {
-    if (!problem.simulator.mechanics().dynamic() || problem.floor.model < kHides * nominal.misfit) return false;
-    std::vector<Cause> causes;
-    {
-        SecondThread second(problem);
-        TERES_TRY(second.begin(recording, effects, nominal.at));
-        Screening screening;
-        causes = search(problem, nominal, nullptr, screening, nullptr);
-    }
+// Where stiffness, damping and mass together take a body with inertia, or the one effect that comes nearest to where it
+// was seen; nothing if neither comes much nearer than the nominal model.
+std::optional<Assumption> nearer_state(Problem& problem, const Fit& nominal) {
     const auto gap_m2 = [&](const Fit& fit) {
         return mean_square(problem.recording, fit.trajectory, problem.recording.fit_rows);
     };
-    std::erase_if(causes, [&](const Cause& c) {
-        return !c.fit.usable || problem.simulator.effects()[c.entries[0]].sensor ||
-               gap_m2(c.fit) > kNearer * kNearer * gap_m2(nominal);
+    const auto nearer = [&](const Fit& fit) {
+        return fit.usable && gap_m2(fit) <= kNearer * kNearer * gap_m2(nominal);
+    };
+    problem.swing = fit_swing(problem, nominal);
+    if (problem.swing && nearer(problem.swing->fit)) return problem.swing->fit.at;
+    Screening screening;
+    std::vector<Cause> causes = search(problem, nominal, nullptr, screening, nullptr);
+    std::erase_if(causes, [&](const Cause& cause) {
+        return !nearer(cause.fit) || problem.simulator.effects()[cause.entries[0]].sensor;
     });
     const auto nearest = std::min_element(
         causes.begin(), causes.end(), [&](const Cause& a, const Cause& b) { return gap_m2(a.fit) < gap_m2(b.fit); });
-    if (nearest == causes.end()) return false;
-    auto error = discrepancy_about(problem.simulator, nearest->fit.at,
-                                   stage(problem.options, "model error where the body was seen"));
+    return nearest != causes.end() ? std::optional(nearest->fit.at) : std::nullopt;
+}
+
+// Where the nominal body with inertia swings far beyond where the real one was seen, what its model may be off by there
+// hides every cause. Then it is asked for in a state that is nearer. True: that is much less, and taken from now on.
+Result<bool> take_error_where_seen(Problem& problem, const GapRecording& recording, const EffectTable& effects,
+                                   const Fit& nominal) {
+    if (!problem.simulator.mechanics().dynamic() || problem.floor.model < kHides * nominal.misfit) return false;
+    std::optional<Assumption> state;
+    {
+        SecondThread second(problem);
+        TERES_TRY(second.begin(recording, effects, nominal.at));
+        state = nearer_state(problem, nominal);
+    }
+    if (!state) return false;
+    auto error =
+        discrepancy_about(problem.simulator, *state, stage(problem.options, "model error where the body was seen"));
     if (!error || error->columns.norm() > kLessError * problem.discrepancy.columns.norm()) return false;
     problem.discrepancy = std::move(*error);
     return true;
@@ -281,11 +292,13 @@ void add_effects(Problem& problem, const Fit& nominal, const Screening& screenin
     if (unknown_gain(left_of(nominal), problem.floor, calibration) <=
         calibration.unknown_least() + calibration.none_bonus)
         return;
-    for (int count = 2; count <= problem.options.max_effects; ++count) {
+    const bool dynamic = problem.simulator.mechanics().dynamic();
+    const int first = dynamic ? static_cast<int>(causes.front().entries.size()) + 1 : 2;
+    for (int count = first; count <= problem.options.max_effects; ++count) {
         // With inertia, what is left after many periods shows what stands for what.
         const Cause& best = causes.front();
-        const bool enough = count > 2 && best.explained > kNearlyAll &&
-                            (!problem.simulator.mechanics().dynamic() || problem.floor.explains(left_of(best.fit)));
+        const bool enough =
+            count > 2 && best.explained > kNearlyAll && (!dynamic || problem.floor.explains(left_of(best.fit)));
         if (enough || problem.out_of_time() || !search_further(problem, nominal, screening, causes)) return;
     }
 }
@@ -319,7 +332,9 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
     bool again = searched_again();
     if (!again) {
         const bool looked = look_for_tears(problem, nominal, out.screening, causes);
-        finish(problem, nominal, nullptr, out.screening, causes);
+        sort_by_score(causes);
+        if (causes.empty() || causes.front().entries.size() == 1)
+            finish(problem, nominal, nullptr, out.screening, causes);
         if (!looked && look_for_tears(problem, nominal, out.screening, causes))
             finish(problem, nominal, nullptr, out.screening, causes);
         again = searched_again();

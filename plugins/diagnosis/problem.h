@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <optional>
 
 #include "plugins/diagnosis/diagnosis.h"
 #include "plugins/diagnosis/motion_span.h"
@@ -44,6 +45,13 @@ struct Reach {
     bool any_course = false;
 };
 
+/// Stiffness, damping and added mass fitted together.
+struct Swing {
+    Fit fit;
+    std::size_t mass = 0;      ///< entry
+    double search_cost = 0.0;  ///< of its place [nats]
+};
+
 struct Problem {
     Simulator& simulator;
     Recording& recording;
@@ -54,6 +62,7 @@ struct Problem {
     Outlook* outlook = nullptr;  ///< null: nothing beyond the fitted frames
     const WorkLimit* limit = nullptr;
     std::shared_ptr<const MotionSpan> span{};  ///< of the nominal motion; null: nothing is told apart by it
+    std::optional<Swing> swing{};              ///< with inertia, once asked for (swing.h)
     Problem* beside = nullptr;  ///< the same with a simulator of its own, for a second thread; null: there is none
 
     Reach reach{};                                                 ///< of every fit

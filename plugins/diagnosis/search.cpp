@@ -1,18 +1,21 @@
 #include "plugins/diagnosis/search.h"
 
 #include <algorithm>
+#include <limits>
 #include <optional>
 #include <string_view>
 #include <utility>
 
 #include "plugins/diagnosis/beginnings.h"
 #include "plugins/diagnosis/search_steps.h"
+#include "plugins/diagnosis/swing.h"
 
 namespace teres {
 namespace {
 
 constexpr std::size_t kFurtherBegun = 4;  // mechanical effects fitted beside others for what they explain of it
-constexpr double kLeastOfFamily = 0.1;    // share explained by first order, of an effect of the best one's family
+constexpr double kAny = std::numeric_limits<double>::infinity();
+constexpr double kLeastOfFamily = 0.1;  // share explained by first order, of an effect of the best one's family
 
 // Effects that are not screened on top of `base`.
 std::vector<std::size_t> left_out(const EffectTable& effects, const Base* base) {
@@ -98,7 +101,7 @@ std::vector<EffectScreening> tried_on_beginning(Problem& problem, const Fit& fro
     const auto report = stage(problem.options, base == nullptr ? "trying effects" : "trying further effects");
     const std::optional<Assumption> usual = at_usual_size(problem.simulator, from.at);
     const double half = usual ? 0.5 : 1.0, before = left_of_beginning(problem, from.at);
-    std::vector<EffectScreening> begun = try_beginnings(problem, from.at, before, std::move(screening),
+    std::vector<EffectScreening> begun = try_beginnings(problem, from.at, before, std::move(screening), kAny,
                                                         [&](double part) { return report(half * part); });
     for (EffectScreening& effect : begun) effect.beside.clear();  // what is known was fitted to more than the beginning
     if (!usual || problem.out_of_time()) return begun;
@@ -110,7 +113,7 @@ std::vector<EffectScreening> tried_on_beginning(Problem& problem, const Fit& fro
                      try_beginnings(problem, *usual, before,
                                     screen(problem.simulator, all, whitener, problem.floor, anew,
                                            problem.options.calibration, problem.recording.num_frames / 4),
-                                    [&](double part) { return report(half * (1.0 + part)); }));
+                                    kAny, [&](double part) { return report(half * (1.0 + part)); }));
 }
 
 // Effects that were not fitted, with their linear score.
@@ -125,6 +128,17 @@ void add_screened(const Screening& screening, std::vector<Cause>& causes) {
         cause.explained = effect.explained;
         causes.push_back(std::move(cause));
     }
+}
+
+// What search_from_swing() finds, and a sensor effect if first order is for it.
+std::vector<Cause> from_swing(Problem& problem, const Fit& nominal, Screening& screening) {
+    std::vector<Cause> causes = search_from_swing(problem, nominal);
+    if (causes.empty()) return causes;
+    const EffectTable& effects = problem.simulator.effects();
+    take_from_beginning(effects, {}, screening);
+    causes = fit_chosen(problem, nominal, nullptr, choose_with_inertia(effects, {}, 0, screening), std::move(causes));
+    add_screened(screening, causes);
+    return causes;
 }
 
 }  // namespace
@@ -151,6 +165,8 @@ std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base
     if (base != nullptr && base->global_only)  // first order is nearly exact there
         std::erase_if(screening.effects,
                       [&](const EffectScreening& effect) { return effect.score <= -base->far_nats; });
+    if (known == nullptr && problem.simulator.mechanics().dynamic())
+        if (std::vector<Cause> causes = from_swing(problem, nominal, screening); !causes.empty()) return causes;
     std::vector<EffectScreening> chosen;
     if (problem.simulator.mechanics().dynamic()) {
         const auto begun = tried_on_beginning(problem, from, screen_first(frames / 4), whitener, base);

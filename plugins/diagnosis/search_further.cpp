@@ -55,10 +55,6 @@ std::vector<Cause> search_on_top(Problem& problem, const Fit& nominal, Cause& kn
     return search(problem, nominal, &base, screening);
 }
 
-bool contains(const Cause& cause, std::size_t entry) {
-    return std::find(cause.entries.begin(), cause.entries.end(), entry) != cause.entries.end();
-}
-
 void add(std::vector<Cause>& causes, std::vector<Cause> more) {
     for (Cause& cause : more) keep_better(causes, std::move(cause));
 }
@@ -126,14 +122,6 @@ Cause with_gift(Problem& problem, const Fit& nominal, const Cause& rival, const 
     return other.fit.usable && (!larger.fit.usable || other.fit.cost < larger.fit.cost) ? other : larger;
 }
 
-// What beside the best set looser forms of that explain as well is no evidence beside a rival either, though it has
-// another form, or one that is exact.
-void pay_alike(const Gift& gift, Cause& cause) {
-    const double more = std::max(0.0, gift.form_nats - cause.form_nats);
-    cause.form_nats += more;
-    cause.score -= more;
-}
-
 // Which sets get what one of them gained: so many at most that have not got it, no more nats behind the best than that.
 struct Rivals {
     std::size_t effects;  ///< of each set
@@ -184,7 +172,7 @@ void give_to_rivals(Problem& problem, const Fit& nominal, const std::vector<Gift
         const Base base{*trials[k].known, looser, alone, left_under(p, looser, alone, nominal.u.size())};
         const auto weigh = [&] {
             score(p, nominal, &base, larger[k]);
-            pay_alike(gift, larger[k]);
+            pay_alike(gift.form_nats, larger[k]);
         };
         weigh();
         if (larger[k].score >= best - kFarBehind) {
