@@ -60,8 +60,8 @@ const Cause* best_part(const std::vector<Cause>& causes, const Cause& of) {
     return best;
 }
 
-// As one more than the best part. `form_nats`: at least, as what another set gained is worth no more here
-// (pay_alike()).
+// As one more than the best part, without what looser forms take of that one's evidence either. `form_nats`: at least,
+// as what another set gained is worth no more here (pay_alike()).
 void score_beside_part(Problem& problem, const Fit& nominal, const std::vector<Cause>& causes, double form_nats,
                        Cause& cause) {
     const Cause* part = best_part(causes, cause);
@@ -69,7 +69,7 @@ void score_beside_part(Problem& problem, const Fit& nominal, const std::vector<C
     const Base base{*part, problem.whitener, part->fit,
                     left_under(problem, problem.whitener, part->fit, nominal.u.size())};
     score(problem, nominal, &base, cause);
-    pay_alike(form_nats, cause);
+    pay_alike(std::max(form_nats, cause.form_nats + part->form_nats), cause);
 }
 
 std::vector<Cause> fit_all(Problem& problem, const Fit& nominal, const std::vector<Assumption>& starts,
