@@ -266,7 +266,7 @@ std::optional<Assumption> nearer_state(Problem& problem, const Fit& nominal) {
 // Where the nominal body with inertia swings far beyond where the real one was seen, what its model may be off by there
 // hides every cause. Then it is asked for in a state that is nearer. True: that is much less, and taken from now on.
 Result<bool> take_error_where_seen(Problem& problem, const GapRecording& recording, const EffectTable& effects,
-                                   const Fit& nominal) {
+                                   Fit& nominal) {
     if (!problem.simulator.mechanics().dynamic() || problem.floor.model < kHides * nominal.misfit) return false;
     std::optional<Assumption> state;
     {
@@ -274,6 +274,7 @@ Result<bool> take_error_where_seen(Problem& problem, const GapRecording& recordi
         TERES_TRY(second.begin(recording, effects, nominal.at));
         state = nearer_state(problem, nominal);
     }
+    problem.complete(nominal);  // the simulator's base again, as a search begins with it
     if (!state) return false;
     auto error =
         discrepancy_about(problem.simulator, *state, stage(problem.options, "model error where the body was seen"));

@@ -153,6 +153,10 @@ void Simulator::simulate_changes(std::span<const Hypothesis> hypotheses, Eigen::
 }
 
 Eigen::MatrixXd Simulator::responses(const std::vector<Assumption>& others, const Progress& progress) {
+    if (base_true_.size() == 0) {  // the base is that of another horizon
+        Eigen::VectorXd motion;
+        simulate(Assumption(base_), motion);
+    }
     const auto rows = static_cast<Eigen::Index>(rows_);
     Eigen::MatrixXd change = Eigen::MatrixXd::Zero(rows, static_cast<Eigen::Index>(others.size()));
     std::vector<std::size_t> moved;  // columns whose mechanics differ

@@ -115,6 +115,17 @@ TEST(Diagnosis, ModelErrorIsThatOfAStateThatWasSeen) {
     EXPECT_LT(d->floor_m, 0.5 * d->gap_m);
 }
 
+// Nothing is missing, so that the model's error is all that is left and no effect comes nearer: the search that asked for
+// such a state leaves off on a part of the recording, and the one after it begins from the nominal motion all the same.
+TEST(Diagnosis, ControlWithInertiaIsAnsweredNone) {
+    Scene scene({});
+    scene.body.known_supports = scene.body.inertia = true;
+    const auto d = scene.run();
+    ASSERT_TRUE(d) << d.error().text;
+    EXPECT_EQ(d->named(), nullptr) << listing(*d, *scene.effects);
+    EXPECT_GT(d->verdict.none_probability, 0.5) << listing(*d, *scene.effects);
+}
+
 TEST(Diagnosis, ForceLikeCauseIsNamedPlacedAndTimed) {
     const std::vector<double> v{0.15, -0.1, -0.35, 0.08, 0.03, 5.3};
     Scene scene({{test::ToyBody::kUnknownLoad, v}});
