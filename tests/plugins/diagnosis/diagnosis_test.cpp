@@ -115,8 +115,9 @@ TEST(Diagnosis, ModelErrorIsThatOfAStateThatWasSeen) {
     EXPECT_LT(d->floor_m, 0.5 * d->gap_m);
 }
 
-// Nothing is missing, so that the model's error is all that is left and no effect comes nearer: the search that asked for
-// such a state leaves off on a part of the recording, and the one after it begins from the nominal motion all the same.
+// Nothing is missing, so that the model's error is all that is left and no effect comes nearer: the search that asked
+// for such a state leaves off on a part of the recording, and the one after it begins from the nominal motion all the
+// same.
 TEST(Diagnosis, ControlWithInertiaIsAnsweredNone) {
     Scene scene({});
     scene.body.known_supports = scene.body.inertia = true;
