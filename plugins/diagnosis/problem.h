@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <limits>
+#include <map>
 #include <memory>
 #include <optional>
 
@@ -45,11 +46,10 @@ struct Reach {
     bool any_course = false;
 };
 
-/// Stiffness, damping and added mass fitted together.
+/// What makes a body swing as it does, fitted together (swing.h), and what was searched for it.
 struct Swing {
     Fit fit;
-    std::size_t mass = 0;      ///< entry
-    double search_cost = 0.0;  ///< of its place [nats]
+    std::map<std::size_t, double> search_costs{};  ///< of effects, by entry [nats]
 };
 
 struct Problem {

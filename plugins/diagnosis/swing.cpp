@@ -1,9 +1,7 @@
 #include "plugins/diagnosis/swing.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <map>
 #include <utility>
 
 #include "plugins/diagnosis/beginnings.h"
@@ -12,12 +10,12 @@
 namespace teres {
 namespace {
 
-constexpr double kMost = 0.9;        // explained by the three: the search begins there
+constexpr double kMost = 0.9;        // explained by them together: the search begins there
 constexpr double kHopeful = 10.0;    // times what the best set leaves of a quarter: tried on half
 constexpr std::size_t kInPlace = 2;  // effects fitted in the place of one
 constexpr int kTryIterations = 3;
 
-using SearchCosts = std::map<std::size_t, double>;  // of effects, where anything was searched
+using SearchCosts = decltype(Swing::search_costs);
 
 std::vector<std::size_t> all_but(const EffectTable& effects, std::size_t entry) {
     std::vector<std::size_t> others;
@@ -218,19 +216,31 @@ Fit fit_growing_from(Problem& problem, const Assumption& start) {
 
 std::optional<Swing> fit_swing(Problem& problem, const Fit& nominal) {
     const EffectTable& effects = problem.simulator.effects();
-    const std::size_t stiffness = effects.find("stiffness"), damping = effects.find("damping"),
-                      mass = effects.find("inertia");
-    for (const std::size_t e : {stiffness, damping, mass})
-        if (e == effects.size() || !effects[e].applicable()) return std::nullopt;
+    const auto can_be = [&](const char* id) {
+        const std::size_t entry = effects.find(id);
+        return entry < effects.size() && effects[entry].applicable() ? std::optional(entry) : std::nullopt;
+    };
+    const std::optional<std::size_t> stiffness = can_be("stiffness"), damping = can_be("damping"),
+                                     mass = can_be("inertia");
+    if (stiffness.has_value() + damping.has_value() + mass.has_value() < 2) return std::nullopt;
     const auto report = stage(problem.options, "fitting stiffness, damping and mass together");
     report(0.0);
-    std::array<Swing, 2> swings;
+    std::vector<Swing> swings(stiffness ? 2 : 1);
     side_by_side(problem, swings.size(), [&](Problem& p, std::size_t k) {
-        ActiveEffect modulus = effects.candidate(stiffness, 0);
-        if (k == 1) modulus.values[0] = at_share(effects[stiffness].parameters[0], modulus.values[0], -1.0);
-        const Assumption start = with(with(nominal.at, std::move(modulus)), effects.candidate(damping, 0));
-        if (const auto usual = usual_mass(p, start, mass))
-            swings[k] = {fit_growing_from(p, with(start, usual->first)), mass, usual->second};
+        Assumption start = nominal.at;
+        if (stiffness) {
+            ActiveEffect modulus = effects.candidate(*stiffness, 0);
+            if (k == 1) modulus.values[0] = at_share(effects[*stiffness].parameters[0], modulus.values[0], -1.0);
+            start.effects.push_back(std::move(modulus));
+        }
+        if (damping) start.effects.push_back(effects.candidate(*damping, 0));
+        if (mass) {
+            const auto usual = usual_mass(p, start, *mass);
+            if (!usual) return;
+            start.effects.push_back(usual->first);
+            swings[k].search_costs[*mass] = usual->second;
+        }
+        swings[k].fit = fit_growing_from(p, start);
     });
     report(1.0);
     const auto better = [](const Swing& a, const Swing& b) {
@@ -244,7 +254,7 @@ std::vector<Cause> search_from_swing(Problem& problem, const Fit& nominal) {
     if (problem.floor.explains(left_of(nominal)) || problem.out_of_time()) return {};
     if (!problem.swing) problem.swing = fit_swing(problem, nominal);
     if (!problem.swing) return {};
-    SearchCosts costs{{problem.swing->mass, problem.swing->search_cost}};
+    SearchCosts costs = problem.swing->search_costs;
     const Assumption& at = problem.swing->fit.at;
     const Cause together = fitted_from(problem, nominal, as_cause(at, costs), at, kRefitIterations);
     if (!together.fit.usable || together.explained < kMost) return {};

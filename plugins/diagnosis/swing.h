@@ -11,15 +11,15 @@
 
 namespace teres {
 
-/// Stiffness, damping and added mass fitted together, from a softer and from a stiffer body with usual damping and
-/// mass, the mass where first order sees most of it: to a quarter of the fitted frames, half of them, all. The better
-/// of both; nothing if the case has not all three, or no body holds.
+/// Stiffness, damping and added mass, or two of them where the third cannot be, fitted together, from a softer and from
+/// a stiffer body with usual damping and mass, the mass where first order sees most of it: to a quarter of the fitted
+/// frames, half of them, all. The better of both; nothing if fewer can be, or no body holds.
 std::optional<Swing> fit_swing(Problem& problem, const Fit& nominal);
 
-/// Where the three explain most of what the nominal model leaves: sets of two and of one of them, and everything else
-/// in the place of each effect of the best of all these sets, tried on the beginning and fitted where it comes near.
-/// Nothing where they do not. A set is scored as what a search on top of the best set of one effect less would find;
-/// the effects of that come first in it.
+/// Where these explain most of what the nominal model leaves: sets of some of them, and everything else in the place of
+/// each effect of the best of all these sets, tried on the beginning and fitted where it comes near. Nothing where they
+/// do not. A set is scored as what a search on top of the best set of one effect less would find; the effects of that
+/// come first in it.
 std::vector<Cause> search_from_swing(Problem& problem, const Fit& nominal);
 
 }  // namespace teres

@@ -19,8 +19,8 @@ class SwingTest : public ::testing::Test {
   protected:
     using Toy = test::ToyOscillator;
 
-    void observe(const std::vector<EffectInstance>& truth) {
-        effects_.emplace(body_, nullptr, std::span<const char* const>{});
+    void observe(const std::vector<EffectInstance>& truth, const std::vector<const char*>& excluded = {}) {
+        effects_.emplace(body_, nullptr, excluded);
         recording_.emplace(*make_recording({"toy", &body_, nullptr, Toy::motion(truth), kNoise, 1}));
         simulator_.emplace(body_, nullptr, *effects_);
         const auto count = static_cast<Eigen::Index>(recording_->fit_rows.size());
@@ -104,12 +104,23 @@ TEST_F(SwingTest, WhatExplainsAsMuchWithLessIsFoundInTheirPlace) {
     EXPECT_NEAR(values(best.fit, "load_scale")[0], -0.5, 0.01);
 }
 
-// What the nominal model explains needs none of them, and where one of them cannot be there is nothing to begin from.
-TEST_F(SwingTest, NothingIsSearchedWhereNothingIsMissingOrOneOfThemCannotBe) {
+// Of two of them both are found if the third cannot be there.
+TEST_F(SwingTest, TwoAreFoundWhereTheThirdCannotBe) {
+    body_.held = true;
+    observe({{Toy::kStiffness, stiff_}, {Toy::kInertia, heavy_}});
+    const auto swing = fit_swing(*problem_, nominal_);
+    ASSERT_TRUE(swing);
+    EXPECT_EQ(swing->fit.at.effects.size(), 2u);
+    EXPECT_NEAR(values(swing->fit, "stiffness")[0], 2.1, 0.01);
+    EXPECT_NEAR(mass_at_end(values(swing->fit, "inertia")), 0.9, 0.02);
+}
+
+// What the nominal model explains needs none of them, and one alone is what every search begins with.
+TEST_F(SwingTest, NothingIsSearchedWhereNothingIsMissingOrOneIsLeft) {
     observe({});
     EXPECT_TRUE(search_from_swing(*problem_, nominal_).empty());
     body_.held = true;
-    observe({{Toy::kStiffness, stiff_}, {Toy::kInertia, heavy_}});
+    observe({{Toy::kStiffness, stiff_}}, {"inertia"});
     EXPECT_FALSE(fit_swing(*problem_, nominal_));
     EXPECT_TRUE(search_from_swing(*problem_, nominal_).empty());
 }
