@@ -221,7 +221,7 @@ void add_blindtest_command(CLI::App& app, int& exit_code) {
         ->type_name("MM")
         ->check(CLI::NonNegativeNumber);
     verb->add_flag("--static", o.plan.quasi_static,
-                   "Without the cases that have inertia (their diagnosis takes ten times as long)");
+                   "Without the cases that have inertia (their diagnosis takes longer)");
     verb->add_option("--seed", o.plan.seed, "Same seed, same cases")->capture_default_str();
     verb->add_option("--shard", o.shard, "Part i of n, i from 0")->type_name("I/N")->capture_default_str();
     verb->add_option("--out", o.out, "Folder of the test")->type_name("DIR")->capture_default_str();

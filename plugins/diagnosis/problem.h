@@ -5,7 +5,6 @@
 #include <limits>
 #include <map>
 #include <memory>
-#include <optional>
 
 #include "plugins/diagnosis/diagnosis.h"
 #include "plugins/diagnosis/motion_span.h"
@@ -62,7 +61,7 @@ struct Problem {
     Outlook* outlook = nullptr;  ///< null: nothing beyond the fitted frames
     const WorkLimit* limit = nullptr;
     std::shared_ptr<const MotionSpan> span{};  ///< of the nominal motion; null: nothing is told apart by it
-    std::optional<Swing> swing{};              ///< with inertia, once asked for (swing.h)
+    std::shared_ptr<const Swing> swing{};      ///< with inertia, once asked for (swing.h)
     Problem* beside = nullptr;  ///< the same with a simulator of its own, for a second thread; null: there is none
 
     Reach reach{};                                                 ///< of every fit

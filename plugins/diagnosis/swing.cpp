@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <utility>
 
 #include "plugins/diagnosis/beginnings.h"
@@ -214,7 +215,7 @@ Fit fit_growing_from(Problem& problem, const Assumption& start) {
 
 }  // namespace
 
-std::optional<Swing> fit_swing(Problem& problem, const Fit& nominal) {
+std::shared_ptr<const Swing> fit_swing(Problem& problem, const Fit& nominal) {
     const EffectTable& effects = problem.simulator.effects();
     const auto can_be = [&](const char* id) {
         const std::size_t entry = effects.find(id);
@@ -222,7 +223,7 @@ std::optional<Swing> fit_swing(Problem& problem, const Fit& nominal) {
     };
     const std::optional<std::size_t> stiffness = can_be("stiffness"), damping = can_be("damping"),
                                      mass = can_be("inertia");
-    if (stiffness.has_value() + damping.has_value() + mass.has_value() < 2) return std::nullopt;
+    if (stiffness.has_value() + damping.has_value() + mass.has_value() < 2) return nullptr;
     const auto report = stage(problem.options, "fitting stiffness, damping and mass together");
     report(0.0);
     std::vector<Swing> swings(stiffness ? 2 : 1);
@@ -247,7 +248,7 @@ std::optional<Swing> fit_swing(Problem& problem, const Fit& nominal) {
         return a.fit.usable && (!b.fit.usable || a.fit.cost < b.fit.cost);
     };
     const Swing& best = *std::min_element(swings.begin(), swings.end(), better);
-    return best.fit.usable ? std::optional(best) : std::nullopt;
+    return best.fit.usable ? std::make_shared<const Swing>(best) : nullptr;
 }
 
 std::vector<Cause> search_from_swing(Problem& problem, const Fit& nominal) {

@@ -4,7 +4,7 @@
 // for one of them is tried beside the others as they are then.
 #pragma once
 
-#include <optional>
+#include <memory>
 #include <vector>
 
 #include "plugins/diagnosis/cause_fit.h"
@@ -13,8 +13,8 @@ namespace teres {
 
 /// Stiffness, damping and added mass, or two of them where the third cannot be, fitted together, from a softer and from
 /// a stiffer body with usual damping and mass, the mass where first order sees most of it: to a quarter of the fitted
-/// frames, half of them, all. The better of both; nothing if fewer can be, or no body holds.
-std::optional<Swing> fit_swing(Problem& problem, const Fit& nominal);
+/// frames, half of them, all. The better of both; null if fewer can be, or no body holds.
+std::shared_ptr<const Swing> fit_swing(Problem& problem, const Fit& nominal);
 
 /// Where these explain most of what the nominal model leaves: sets of some of them, and everything else in the place of
 /// each effect of the best of all these sets, tried on the beginning and fitted where it comes near. Nothing where they

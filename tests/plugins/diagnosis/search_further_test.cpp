@@ -26,13 +26,11 @@ class SearchFurther : public ::testing::Test {
         recording_.emplace(*make_recording({"toy", &body_, camera, observed, kNoise, 1}));
         simulator_.emplace(body_, camera, effects);
         const auto count = static_cast<Eigen::Index>(recording_->fit_rows.size());
-        problem_.emplace(Problem{*simulator_,
-                                 *recording_,
-                                 options_,
-                                 {},
+        Discrepancy exact;
+        exact.columns.resize(recording_->observed.size(), 0);
+        problem_.emplace(Problem{*simulator_, *recording_, options_, std::move(exact),
                                  Whitener(recording_->fit_rows, Eigen::VectorXd::Constant(count, kNoise),
                                           Eigen::MatrixXd(recording_->observed.size(), 0))});
-        problem_->discrepancy.columns.resize(recording_->observed.size(), 0);
         nominal_ = problem_->fit({}, 0);
     }
     double count() const { return static_cast<double>(recording_->fit_rows.size()); }

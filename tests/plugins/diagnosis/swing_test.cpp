@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "tests/support/toy_oscillator.h"
@@ -24,13 +25,11 @@ class SwingTest : public ::testing::Test {
         recording_.emplace(*make_recording({"toy", &body_, nullptr, Toy::motion(truth), kNoise, 1}));
         simulator_.emplace(body_, nullptr, *effects_);
         const auto count = static_cast<Eigen::Index>(recording_->fit_rows.size());
-        problem_.emplace(Problem{*simulator_,
-                                 *recording_,
-                                 options_,
-                                 {},
+        Discrepancy exact;
+        exact.columns.resize(recording_->observed.size(), 0);
+        problem_.emplace(Problem{*simulator_, *recording_, options_, std::move(exact),
                                  Whitener(recording_->fit_rows, Eigen::VectorXd::Constant(count, kNoise),
                                           Eigen::MatrixXd(recording_->observed.size(), 0))});
-        problem_->discrepancy.columns.resize(recording_->observed.size(), 0);
         problem_->floor = {static_cast<double>(count), 0.3 * static_cast<double>(count)};
         nominal_ = problem_->fit_on({}, 0);
     }
