@@ -15,6 +15,10 @@ constexpr double kMost = 0.9;        // explained by them together: the search b
 constexpr double kHopeful = 10.0;    // times what the best set leaves of a quarter: tried on half
 constexpr std::size_t kInPlace = 2;  // effects fitted in the place of one
 constexpr int kTryIterations = 3;
+constexpr int kSettleRounds = 3;
+constexpr double kSettled = 0.95;      // of the cost: no further round
+constexpr double kCloseBehind = 10.0;  // nats: may be ahead once both are settled
+constexpr std::size_t kClose = 4;
 
 using SearchCosts = decltype(Swing::search_costs);
 
@@ -91,6 +95,43 @@ std::vector<Cause> fit_parts(Problem& problem, const Fit& nominal, const Assumpt
     std::vector<Cause> fitted = fit_all(problem, nominal, parts, costs, kFurtherIterations, report);
     sort_by_score(fitted);
     return fitted;
+}
+
+// Errors of the model take up part of what a modulus a little off would leave of the beginning, and what is predicted
+// after it has no such help: a fit that leaves them nothing to do may leave less in all.
+void fit_without_model_error(Problem& problem, Cause& cause) {
+    const Whitener white(problem.whitener.rows(), problem.whitener.inverse_sigma().cwiseInverse(),
+                         Eigen::MatrixXd(problem.recording.observed.size(), 0));
+    Fit fit = fit_jointly(problem.simulator, white, problem.recording.observed, cause.fit.at,
+                          {.max_iterations = kRefitIterations, .limit = problem.limit});
+    if (!fit.usable) return;
+    problem.complete(fit);
+    problem.look_ahead(fit);
+    if (fit.usable && fit.compared_cost() < cause.fit.compared_cost()) cause.fit = std::move(fit);
+}
+
+// Fits the best few on until little is gained: where valleys are flat a fit ends before it is at their bottom.
+void settle_best(Problem& problem, const Fit& nominal, std::size_t most, std::vector<Cause>& causes) {
+    sort_by_score(causes);
+    std::vector<Cause*> best;
+    for (Cause& cause : causes)
+        if (best.size() < most && cause.fit.usable && cause.score > causes.front().score - kCloseBehind)
+            best.push_back(&cause);
+    const auto report = stage(problem.options, "settling the best");
+    side_by_side(problem, best.size(), [&](Problem& p, std::size_t k) {
+        for (int round = 0; round < kSettleRounds && !p.out_of_time(); ++round) {
+            const double before = best[k]->fit.cost;
+            settle(p, *best[k], kRefitIterations);
+            if (best[k]->fit.cost > kSettled * before) break;
+        }
+        if (!p.out_of_time()) fit_without_model_error(p, *best[k]);
+        if (&p == &problem) report(static_cast<double>(k + 1) / static_cast<double>(best.size()));
+    });
+    for (Cause* cause : best) {
+        const double form_nats = cause->form_nats;
+        score_beside_part(problem, nominal, causes, form_nats, *cause);
+    }
+    sort_by_score(causes);
 }
 
 // Fitted parts of a fitted set, what the best of them is made of, and the set as one more than that.
@@ -261,10 +302,10 @@ std::vector<Cause> search_from_swing(Problem& problem, const Fit& nominal) {
     if (!together.fit.usable || together.explained < kMost) return {};
     std::vector<Cause> causes;
     take_apart(problem, nominal, together, costs, causes);
-    sort_by_score(causes);
+    settle_best(problem, nominal, 1, causes);
     const Cause best = causes.front();
     exchange(problem, nominal, best, costs, causes);
-    sort_by_score(causes);
+    settle_best(problem, nominal, kClose, causes);
     if (const Cause found = causes.front(); !all_of_first(found, best))
         take_apart(problem, nominal, found, costs, causes);
     return causes;
