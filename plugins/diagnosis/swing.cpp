@@ -53,6 +53,13 @@ bool all_of_first(const Cause& first, const Cause& second) {
                        [&](std::size_t entry) { return contains(second, entry); });
 }
 
+// The same effects, which are among `causes`.
+const Cause& same_set(const std::vector<Cause>& causes, const Cause& set) {
+    return *std::find_if(causes.begin(), causes.end(), [&](const Cause& cause) {
+        return cause.entries.size() == set.entries.size() && all_of_first(cause, set);
+    });
+}
+
 // The best fitted set of one effect less, or null.
 const Cause* best_part(const std::vector<Cause>& causes, const Cause& of) {
     const Cause* best = nullptr;
@@ -229,6 +236,18 @@ void exchange(Problem& problem, const Fit& nominal, const Cause& best, SearchCos
     for (Cause& other : others) keep_better(causes, std::move(other));
 }
 
+// Where a set leaves no more than noise and the model's error explain, another one may leave less because it has the
+// form of that error: this is no evidence for it, and it must be cheaper to be named.
+void pay_within_floor(const Problem& problem, const Cause& standing, std::vector<Cause>& causes) {
+    const ErrorFloor& floor = problem.floor;
+    if (!floor.explains(standing.left())) return;
+    for (Cause& cause : causes) {
+        if (!cause.fit.usable || all_of_first(cause, standing) || !floor.explains(cause.left())) continue;
+        const double less = floor.log_above(standing.left()) - floor.log_above(cause.left());
+        pay_alike(cause.form_nats + 0.5 * problem.options.calibration.nu * std::max(0.0, less), cause);
+    }
+}
+
 // A usual mass where first order sees most of it, and what its search costs.
 std::optional<std::pair<ActiveEffect, double>> usual_mass(Problem& problem, const Assumption& beside,
                                                           std::size_t mass) {
@@ -306,6 +325,8 @@ std::vector<Cause> search_from_swing(Problem& problem, const Fit& nominal) {
     const Cause best = causes.front();
     exchange(problem, nominal, best, costs, causes);
     settle_best(problem, nominal, kClose, causes);
+    pay_within_floor(problem, same_set(causes, best), causes);
+    sort_by_score(causes);
     if (const Cause found = causes.front(); !all_of_first(found, best))
         take_apart(problem, nominal, found, costs, causes);
     return causes;
