@@ -18,7 +18,7 @@ constexpr int kTryIterations = 3;
 constexpr int kSettleRounds = 3;
 constexpr double kSettled = 0.95;      // of the cost: no further round
 constexpr double kCloseBehind = 10.0;  // nats: may be ahead once both are settled
-constexpr std::size_t kClose = 4;
+constexpr std::size_t kClose = 2;      // of these
 
 using SearchCosts = decltype(Swing::search_costs);
 
