@@ -13,8 +13,9 @@ inline std::size_t beginning_of(const Recording& recording) {
 
 /// Screens all effects on top of `base` and refits and finishes the best; best score first. Where `base` is null (the
 /// nominal fit, which then is the simulator's base) they are in no order, nothing is finished yet (search_steps.h), and
-/// effects that were only screened are among them with their linear score. `before`: fitted to other data, where it
-/// goes on first; or null.
+/// effects that were only screened are among them with their linear score. With inertia sets of several may be among
+/// them, and the best ones settled (search_from_swing()). `before`: fitted to other data, where it goes on first; or
+/// null.
 std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base, Screening& screening,
                           const Cause* before = nullptr);
 

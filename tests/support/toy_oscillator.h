@@ -4,9 +4,8 @@
 //     M q'' + 2 g M q' + K q = G F,   q(0) = q'(0) = 0,   w^2 = K/M - g^2
 //     q(t) = G F / K (1 - exp(-g t) (cos w t + g/w sin w t)),   u_m = x_m / L d q
 //
-//     stiffness s: K = s k    damping r, T: 2 g = r + T K/M    inertia m at x: M = m0 + m (x/L)^2    load_scale a: G =
-//     1
-//     + a
+//     stiffness s: K = s k                        damping r, T: 2 g = r + T K/M
+//     inertia m at x: M = m0 + m (x/L)^2          load_scale a: G = 1 + a
 #pragma once
 
 #include <Eigen/Dense>
