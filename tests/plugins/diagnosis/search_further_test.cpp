@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "tests/support/posed_problem.h"
 #include "tests/support/toy_body.h"
 
 namespace teres {
@@ -18,29 +19,15 @@ namespace {
 constexpr double kNoise = 3e-4;
 
 // A plate, seen or not, as a problem whose noise is white.
-class SearchFurther : public ::testing::Test {
+class SearchFurther : public ::testing::Test, protected test::PosedProblem {
   protected:
     using Toy = test::ToyBody;
 
     void pose(const std::vector<double>& observed, const EffectTable& effects, const ObservationModel* camera) {
-        recording_.emplace(*make_recording({"toy", &body_, camera, observed, kNoise, 1}));
-        simulator_.emplace(body_, camera, effects);
-        const auto count = static_cast<Eigen::Index>(recording_->fit_rows.size());
-        Discrepancy exact;
-        exact.columns.resize(recording_->observed.size(), 0);
-        problem_.emplace(Problem{*simulator_, *recording_, options_, std::move(exact),
-                                 Whitener(recording_->fit_rows, Eigen::VectorXd::Constant(count, kNoise),
-                                          Eigen::MatrixXd(recording_->observed.size(), 0))});
-        nominal_ = problem_->fit({}, 0);
+        PosedProblem::pose(body_, camera, effects, observed, kNoise);
     }
-    double count() const { return static_cast<double>(recording_->fit_rows.size()); }
 
     Toy body_;
-    const DiagnosisOptions options_;
-    std::optional<Recording> recording_;
-    std::optional<Simulator> simulator_;
-    std::optional<Problem> problem_;
-    Fit nominal_;
 };
 
 // A softer, tilted plate whose motion goes on by inertia, as far as the search knows.

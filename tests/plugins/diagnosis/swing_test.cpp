@@ -6,9 +6,9 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
-#include <utility>
 #include <vector>
 
+#include "tests/support/posed_problem.h"
 #include "tests/support/toy_oscillator.h"
 
 namespace teres {
@@ -16,22 +16,14 @@ namespace {
 
 constexpr double kNoise = 1e-4;
 
-class SwingTest : public ::testing::Test {
+class SwingTest : public ::testing::Test, protected test::PosedProblem {
   protected:
     using Toy = test::ToyOscillator;
 
     void observe(const std::vector<EffectInstance>& truth, const std::vector<const char*>& excluded = {}) {
         effects_.emplace(body_, nullptr, excluded);
-        recording_.emplace(*make_recording({"toy", &body_, nullptr, Toy::motion(truth), kNoise, 1}));
-        simulator_.emplace(body_, nullptr, *effects_);
-        const auto count = static_cast<Eigen::Index>(recording_->fit_rows.size());
-        Discrepancy exact;
-        exact.columns.resize(recording_->observed.size(), 0);
-        problem_.emplace(Problem{*simulator_, *recording_, options_, std::move(exact),
-                                 Whitener(recording_->fit_rows, Eigen::VectorXd::Constant(count, kNoise),
-                                          Eigen::MatrixXd(recording_->observed.size(), 0))});
-        problem_->floor = {static_cast<double>(count), 0.3 * static_cast<double>(count)};
-        nominal_ = problem_->fit_on({}, 0);
+        pose(body_, nullptr, *effects_, Toy::motion(truth), kNoise);
+        problem_->floor = {count(), 0.3 * count()};
     }
     const std::vector<double>& values(const Fit& fit, const char* id) const {
         const auto found = std::find_if(fit.at.effects.begin(), fit.at.effects.end(),
@@ -47,12 +39,7 @@ class SwingTest : public ::testing::Test {
     }
 
     Toy body_;
-    const DiagnosisOptions options_;
     std::optional<EffectTable> effects_;
-    std::optional<Recording> recording_;
-    std::optional<Simulator> simulator_;
-    std::optional<Problem> problem_;
-    Fit nominal_;
     const std::vector<double> stiff_{2.1}, damped_{1.5, 0.004}, heavy_{0.9, Toy::kLength, 0.0, 0.0};
     const std::vector<EffectInstance> all_three_{
         {Toy::kStiffness, stiff_}, {Toy::kDamping, damped_}, {Toy::kInertia, heavy_}};
