@@ -396,8 +396,8 @@ Result<Diagnosis> diagnose(std::span<const GapRecording> recordings, const Effec
     out.gap_m = gap_rms_m(out.recording.observed, out.nominal.trajectory, out.recording.seen_rows(), 0.0);
     out.error_floor = problem.floor;
     out.floor_m = std::sqrt(3.0 * problem.floor.total() / problem.whitener.inverse_sigma().squaredNorm());
-    out.where = locate(simulator, problem.whitener, out.recording, out.nominal, out.significant ? named : nullptr,
-                       out.significant);
+    out.where = locate(simulator, problem.whitener, out.recording, out.nominal, out.verdict,
+                       out.significant ? named : nullptr, out.significant);
     stage(options, "held-out data")(0.0);
     TERES_TRY_ASSIGN(
         Forecast forecast,

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <string_view>
 
 namespace teres {
 namespace {
@@ -71,10 +72,28 @@ std::optional<std::array<double, 3>> force_map(Simulator& simulator, const White
     return place;
 }
 
+// Place of the best of what was fitted if that pays and its first effect, which explains most, has a place and is no
+// load.
+bool place_of_nearest(Simulator& simulator, const Verdict& verdict, Where& where) {
+    const Cause* nearest = nullptr;
+    for (const Cause& cause : verdict.causes)
+        if (cause.fit.usable && cause.score > 0.0 && (nearest == nullptr || cause.score > nearest->score))
+            nearest = &cause;
+    if (nearest == nullptr) return false;
+    const ActiveEffect& first = nearest->fit.at.effects.front();
+    const EffectEntry& entry = simulator.effects()[first.entry];
+    const auto centre = centre_of(entry, first);
+    if (!centre || std::string_view(entry.info.kind) == "load") return false;
+    where.center_m = {centre->x(), centre->y(), centre->z()};
+    if (Eigen::VectorXd motion; simulator.simulate(nearest->fit.at, motion))
+        place_by_forces(simulator, *nearest, where);
+    return true;
+}
+
 }  // namespace
 
 Where locate(Simulator& simulator, const Whitener& whitener, const Recording& recording, const Fit& nominal,
-             const Cause* named, bool significant) {
+             const Verdict& verdict, const Cause* named, bool significant) {
     Where where;
     where.marker_share.assign(recording.num_markers, 0.0);
     double total = 0.0;
@@ -102,7 +121,7 @@ Where locate(Simulator& simulator, const Whitener& whitener, const Recording& re
         return where;
     }
     where.kind = "mechanics";
-    where.center_m = force_map(simulator, whitener, nominal);
+    if (!place_of_nearest(simulator, verdict, where)) where.center_m = force_map(simulator, whitener, nominal);
     return where;
 }
 
