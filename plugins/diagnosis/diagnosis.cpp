@@ -4,6 +4,7 @@
 #include <cmath>
 #include <optional>
 
+#include "plugins/diagnosis/cracks.h"
 #include "plugins/diagnosis/gap_map.h"
 #include "plugins/diagnosis/learned_error.h"
 #include "plugins/diagnosis/search.h"
@@ -338,6 +339,7 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
             finish(problem, nominal, nullptr, out.screening, causes);
         if (!looked && look_for_tears(problem, nominal, out.screening, causes))
             finish(problem, nominal, nullptr, out.screening, causes);
+        look_for_cracks(problem, nominal, causes);
         again = searched_again();
     }
     out.confusability = confusability(out.screening, nominal.J);

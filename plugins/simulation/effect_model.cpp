@@ -44,7 +44,7 @@ Result<std::unique_ptr<EffectModel>> EffectModel::make(const Case& c, const Play
         if (!scene.viscosity.empty())
             return invalid_input("simulation.effects: " + id + " has a memory of its own; use teres diagnose");
         for (std::size_t p = 0; p < d.parameters.size(); ++p)
-            if (d.parameters[p].prior_stdev > 0.0)
+            if (d.parameters[p].prior_stdev > 0.0 && d.parameters[p].role != EffectRole::kChoice)
                 m->unknown_.push_back({id + "." + d.parameters[p].name, m->on_.size(), p});
         m->values_.push_back(std::move(values));
         m->on_.push_back({static_cast<std::int32_t>(index), {}});

@@ -107,7 +107,53 @@ void Trajectory::surface_triangles(std::span<std::int32_t> node) const noexcept 
 TrajectoryReport Trajectory::simulate(const Hypothesis& h, std::span<double> markers_m, std::span<double> points_m,
                                       std::span<double> nodes_m) noexcept {
     whole_ = std::make_shared<BaseTrajectory>();
-    return play_all(h, markers_m, points_m, nodes_m, nullptr);
+    const TrajectoryReport report = play_all(h, markers_m, points_m, nodes_m, nullptr);
+    const std::optional<Crack> crack = crack_of(h);
+    if (!crack) return report;
+    const TrajectoryReport parted = play_parted(h, *crack, markers_m, points_m, nodes_m);
+    return {report.frames + parted.frames, report.frames_converged + parted.frames_converged,
+            std::max(report.relative_residual, parted.relative_residual)};
+}
+
+std::optional<Crack> Trajectory::crack_of(const Hypothesis& h) const {
+    if (dynamic()) return {};
+    for (const EffectInstance& on : h.effects) {
+        const Effect& effect = *effects_[static_cast<std::size_t>(on.index)];
+        if (is_null(effect.description(), on.values)) continue;
+        if (const std::optional<Crack> crack = effect.crack(on.values)) return crack;
+    }
+    return {};
+}
+
+PartedBody* Trajectory::parted_by(const Crack& crack) {
+    Crack at = crack;
+    at.instant_s = 0.0;
+    if (parted_crack_ != at) {
+        parted_ = PartedBody::make(case_, settings_, at);
+        parted_crack_ = at;
+    }
+    return parted_.get();
+}
+
+std::size_t Trajectory::first_parted(const Crack& crack) const {
+    const std::vector<double>& times = player_->times();
+    return static_cast<std::size_t>(std::lower_bound(times.begin(), times.end(), crack.instant_s) - times.begin());
+}
+
+// Where the parted body is after play_all(), which left the whole one's positions in base_.
+TrajectoryReport Trajectory::play_parted(const Hypothesis& h, const Crack& crack, std::span<double> markers_m,
+                                         std::span<double> points_m, std::span<double> nodes_m) {
+    const std::size_t first = first_parted(crack), F = num_frames();
+    if (first == F) return {};
+    const auto count = static_cast<std::int32_t>(F - first);
+    PartedBody* parted = parted_by(crack);
+    if (parted == nullptr) return {count, 0, 1.0};
+    std::vector<std::int32_t> frames(F - first);
+    std::iota(frames.begin(), frames.end(), static_cast<std::int32_t>(first));
+    std::vector<double> unseen(markers_m.empty() ? frames.size() * 3 * num_markers() : 0);
+    const auto later = [&](std::span<double> all) { return all.subspan(all.size() / F * first); };
+    return parted->play(h, effects_, frames, base_->x, markers_m.empty() ? std::span(unseen) : later(markers_m),
+                        later(points_m), later(nodes_m), false);
 }
 
 // Every frame; the trajectory becomes the base.
@@ -201,7 +247,8 @@ TrajectoryReport Trajectory::approximate(const Hypothesis& h, std::span<double> 
     const std::size_t dofs = 3 * model.num_nodes(), F = num_frames();
     const auto rows = static_cast<Eigen::Index>(3 * num_markers()), frames = static_cast<Eigen::Index>(F);
     if (player_->scene().dynamic) return move_in_subspace(h, markers_m);
-    if (F <= kFewFrames || (base_->x.empty() && whole_->x.empty())) return simulate(h, markers_m, {}, {});
+    if (F <= kFewFrames || crack_of(h) || (base_->x.empty() && whole_->x.empty()))
+        return simulate(h, markers_m, {}, {});
     const std::shared_ptr<const BaseTrajectory> before = base_;
     if (!whole_->x.empty()) base_ = std::exchange(whole_, std::make_shared<BaseTrajectory>());
     MatrixXd change(rows, frames);
@@ -495,6 +542,13 @@ bool Trajectory::marker_compliance(std::int32_t node, std::span<double> out) con
 bool Trajectory::effect_forces(std::size_t which, std::span<double> rms_n) const noexcept {
     TERES_CHECK(rms_n.size() == num_nodes());
     if (base_->x.empty() || which >= base_->at.effects.size()) return false;
+    const EffectInstance& on = base_->at.effects[which];
+    if (const auto crack = effects_[static_cast<std::size_t>(on.index)]->crack(on.values)) {
+        const auto parted = part(case_.mesh, *crack);
+        if (!parted) return false;
+        std::copy(parted->opened_m2.begin(), parted->opened_m2.end(), rms_n.begin());
+        return true;
+    }
     HypothesisPoint without{base_->at.theta, base_->at.values, {}};
     without.values.erase(without.values.begin() + static_cast<std::ptrdiff_t>(which));
     for (std::size_t k = 0, v = 0; k < base_->at.effects.size(); ++k)
@@ -514,12 +568,48 @@ TrajectoryReport Trajectory::simulate_variant(std::size_t index, const Hypothesi
                                               std::span<double> points_m) noexcept {
     std::span<const VectorXd> nominal;
     if (base_->x.size() == num_frames()) nominal = base_->x;
-    return play_variant(variants_[index], case_, settings_, h, frames, nominal, markers_m, points_m);
+    const std::optional<Crack> crack = crack_of(h);
+    const std::size_t first = crack ? first_parted(*crack) : num_frames();
+    const auto before = static_cast<std::size_t>(
+        std::lower_bound(frames.begin(), frames.end(), static_cast<std::int32_t>(first)) - frames.begin());
+    const std::size_t row = 3 * num_markers(), points = points_m.empty() ? 0 : 3 * num_points();
+    TrajectoryReport report{};
+    if (before > 0)
+        report = play_variant(variants_[index], case_, settings_, h, frames.first(before), nominal,
+                              markers_m.first(before * row), points_m.first(before * points));
+    if (before == frames.size()) return report;
+    // Others may ask at once: nothing of this one is changed.
+    const auto parted = PartedBody::make(case_, settings_, *crack);
+    TrajectoryReport rest{static_cast<std::int32_t>(frames.size() - before), 0, 1.0};
+    if (parted != nullptr) {
+        std::vector<VectorXd> doubled;
+        for (const VectorXd& x : nominal) doubled.push_back(parted->doubled(x));
+        rest = play_variant(variants_[index], parted->data(), settings_, h, frames.subspan(before), doubled,
+                            markers_m.subspan(before * row), points_m.subspan(before * points));
+    }
+    return {report.frames + rest.frames, report.frames_converged + rest.frames_converged,
+            std::max(report.relative_residual, rest.relative_residual)};
 }
 
 TrajectoryReport Trajectory::simulate_at(const Hypothesis& h, std::span<const std::int32_t> frames,
                                          std::span<double> markers_m) noexcept {
-    return player_->play_markers(h, effects_, frames, markers_m, {}, {}, !player_->scene().dynamic);
+    const std::optional<Crack> crack = crack_of(h);
+    const std::size_t first = crack ? first_parted(*crack) : num_frames();
+    const auto before = static_cast<std::size_t>(
+        std::lower_bound(frames.begin(), frames.end(), static_cast<std::int32_t>(first)) - frames.begin());
+    const std::size_t row = 3 * num_markers();
+    TrajectoryReport report{};
+    if (before > 0)
+        report = player_->play_markers(h, effects_, frames.first(before), markers_m.first(before * row), {}, {},
+                                       !player_->scene().dynamic);
+    if (before == frames.size()) return report;
+    TrajectoryReport rest{static_cast<std::int32_t>(frames.size() - before), 0, 1.0};
+    std::span<const VectorXd> whole;
+    if (base_->x.size() == num_frames()) whole = base_->x;
+    if (PartedBody* parted = parted_by(*crack))
+        rest = parted->play(h, effects_, frames.subspan(before), whole, markers_m.subspan(before * row), {}, {}, true);
+    return {report.frames + rest.frames, report.frames_converged + rest.frames_converged,
+            std::max(report.relative_residual, rest.relative_residual)};
 }
 
 }  // namespace teres

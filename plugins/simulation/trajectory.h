@@ -6,6 +6,9 @@
 // x_f: the base trajectory, H_f: derivative of the markers by the nodes. C is made (and kept in single precision) at a
 // few frames far apart in the space of shapes; every frame takes that of the nearest shape, its gradient change is
 // its own. A dynamic case responds by the modes about the frame next to the mean of its trajectory (modal_response.h).
+//
+// A hypothesis that parts the body (Effect::crack) is simulated by a mesh that is parted (parted_body.h) from that
+// instant on; x_f and first order stay those of the whole body under the same hypothesis.
 #pragma once
 
 #include <functional>
@@ -16,6 +19,7 @@
 #include "plugins/simulation/base_trajectory.h"
 #include "plugins/simulation/gradient_change.h"
 #include "plugins/simulation/model_variants.h"
+#include "plugins/simulation/parted_body.h"
 #include "plugins/simulation/scene_player.h"
 
 namespace teres {
@@ -80,6 +84,11 @@ class Trajectory final : public TrajectoryModel {
     TrajectoryReport play_frames(const Hypothesis& h, std::span<const std::int32_t> frames,
                                  const std::vector<Eigen::VectorXd>& before, const ScenePlayer::Visitor& visit);
     TrajectoryReport move_in_subspace(const Hypothesis& h, std::span<double> markers_m);
+    std::optional<Crack> crack_of(const Hypothesis& h) const;
+    PartedBody* parted_by(const Crack& crack);
+    std::size_t first_parted(const Crack& crack) const;
+    TrajectoryReport play_parted(const Hypothesis& h, const Crack& crack, std::span<double> markers_m,
+                                 std::span<double> points_m, std::span<double> nodes_m);
     Eigen::MatrixXd motions_under(const Hypothesis& h) const;
     void prepare_compliance(const ExternalActions& actions, const Eigen::VectorXd& x, bool points,
                             BaseTrajectory::Compliance& out) const;
@@ -100,6 +109,8 @@ class Trajectory final : public TrajectoryModel {
     std::unique_ptr<Trajectory> twin_;
     std::size_t horizon_ = 0;
     std::vector<std::unique_ptr<Effect>> effects_;
+    std::unique_ptr<PartedBody> parted_;  // by the crack that was asked for last; null: it parts nothing
+    std::optional<Crack> parted_crack_;
     std::vector<ModelVariant> variants_;
     // Never null; a base's frames are made on first use. The twin may look at it as well.
     std::shared_ptr<BaseTrajectory> base_ = std::make_shared<BaseTrajectory>();

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -12,6 +13,13 @@
 #include "plugins/simulation/scene.h"
 
 namespace teres {
+
+/// Where and when a body is parted (parted_body.h).
+struct Crack {
+    Eigen::Vector3d centre_m = Eigen::Vector3d::Zero(), normal = Eigen::Vector3d::UnitX();
+    double radius_m = 0.0, instant_s = 0.0;
+    bool operator==(const Crack&) const = default;
+};
 
 class Effect {
   public:
@@ -21,6 +29,9 @@ class Effect {
     /// Changes the scene of one frame as the effect with these physical values would. The scene may be of
     /// another mesh or law than that the effect was made with.
     virtual void apply(std::span<const double> values, Scene& scene) const = 0;
+
+    /// With these values the effect changes no scene but parts the body.
+    virtual std::optional<Crack> crack(std::span<const double> /*values*/) const { return {}; }
 
   protected:
     EffectDescription d_;
