@@ -167,15 +167,18 @@ Status cut(Draw& d) {
         const Point normal = d.body.shape().normal(centre);
         Point across = cross(normal, d.random.direction());
         across = times(1.0 / norm(across), across);
-        const double radius = d.random.uniform(0.032, 0.048);
+        const double radius = d.random.uniform(0.032, 0.048), bowl = d.random.uniform(0.04, 0.12);
+        const double bend = (d.random.chance(0.5) ? 1.0 : -1.0) / bowl;
         TruthMesh copy = d.body.mesh();
-        const std::size_t faces = copy.cut(centre, across, radius);
+        const std::size_t faces = copy.cut(centre, across, bend, radius);
         if (faces < 6) continue;
         d.event();
         d.s.cut_centre_m = centre;
         d.s.cut_normal = across;
+        d.s.cut_bend_1_m = bend;
         d.s.cut_radius_m = radius;
         d.truth.parameters["faces"] = faces;
+        d.truth.parameters["bend_1_m"] = bend;
         d.place(minus(centre, times(0.4 * radius, normal)), radius);
         return {};
     }

@@ -372,7 +372,7 @@ Result<double> TruthBody::linear_rms(Scenario scenario, std::size_t frame, const
 Result<Motion> TruthBody::solve(const Scenario& s, std::size_t first, std::size_t frames, bool after_event, bool linear,
                                 const std::filesystem::path& scratch) const {
     TruthMesh mesh = mesh_;
-    if (after_event && s.cut_radius_m > 0.0) mesh.cut(s.cut_centre_m, s.cut_normal, s.cut_radius_m);
+    if (after_event && s.cut_radius_m > 0.0) mesh.cut(s.cut_centre_m, s.cut_normal, s.cut_bend_1_m, s.cut_radius_m);
     const WedgeLayer band =
         mesh.extrude(mesh.find(after_event && s.event_frame >= 0 && !s.band_after.empty() ? s.band_after : s.band),
                      true_band_.height_m, kBandLayers);

@@ -65,6 +65,7 @@ struct Scenario {
     int event_frame = -1;
     Facets band_after;
     double cut_radius_m = 0.0;  ///< 0: no cut
+    double cut_bend_1_m = 0.0;
     Point cut_centre_m{}, cut_normal{};
 };
 

@@ -111,14 +111,18 @@ WedgeLayer TruthMesh::extrude(std::span<const std::int32_t> triangles, double he
     return band;
 }
 
-std::size_t TruthMesh::cut(const Point& centre_m, const Point& normal, double radius_m) {
+std::size_t TruthMesh::cut(const Point& centre_m, const Point& normal, double bend_1_m, double radius_m) {
     const std::vector<std::array<std::int32_t, 4>> tets = corners_.tets;
     const auto centroid_of = [&](const auto& ids) {
         Point sum{};
         for (const std::int32_t node : ids) sum = plus(sum, corners_.nodes[at(node)]);
         return times(1.0 / static_cast<double>(ids.size()), sum);
     };
-    const auto side = [&](std::size_t tet) { return dot(minus(centroid_of(tets[tet]), centre_m), normal) > 0.0; };
+    const auto side = [&](std::size_t tet) {
+        const Point d = minus(centroid_of(tets[tet]), centre_m);
+        const double beyond = dot(d, normal);
+        return beyond > 0.5 * bend_1_m * (dot(d, d) - beyond * beyond);
+    };
 
     // Pairs of tetrahedra that share a face, without those that the cut parts.
     std::map<std::array<std::int32_t, 3>, std::size_t> first;

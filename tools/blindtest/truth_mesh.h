@@ -41,9 +41,10 @@ class TruthMesh {
 
     /// Wedges over surface triangles, `height` along the node normals.
     WedgeLayer extrude(std::span<const std::int32_t> triangles, double height_m, std::size_t layers);
-    /// Opens the body between tetrahedra on both sides of a plane, within `radius` of `centre`: nodes of the crack that
-    /// no longer hang together are doubled. Returns the number of faces opened. Call before extrude().
-    std::size_t cut(const Point& centre_m, const Point& normal, double radius_m);
+    /// Opens the body between tetrahedra on both sides of a bowl d.n = bend |d - (d.n) n|^2 / 2, d = x - centre, within
+    /// `radius` of `centre`: nodes of the crack that no longer hang together are doubled. Returns the number of faces
+    /// opened. Call before extrude().
+    std::size_t cut(const Point& centre_m, const Point& normal, double bend_1_m, double radius_m);
 
   private:
     void number_mid_nodes();
