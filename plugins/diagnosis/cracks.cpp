@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <numeric>
+#include <span>
 #include <string>
 
 #include "plugins/diagnosis/search_steps.h"
@@ -18,7 +18,8 @@ using Eigen::Vector3d;
 constexpr std::size_t kPlaces = 10;  // of the search grid, next to the fitted cut
 constexpr int kTurns = 6;            // about the way to the surface
 constexpr double kRadii = 2.0;       // of a ball of usual size: a crack lets less go than softened tissue
-constexpr std::size_t kKept = 2;     // planes that are moved, and fitted
+constexpr std::size_t kLooked = 8;   // planes that look best at one frame go on to all of them
+constexpr std::size_t kKept = 2;     // are moved once; the better one goes on
 constexpr double kFirstMove = 0.5;   // share of the radius; then a half of that
 constexpr int kMoves = 4;
 constexpr std::size_t kTrialFrames = 3;  // after the instant
@@ -79,14 +80,15 @@ class Trial {
         at.effects.back() = with_crack(entry_(), at.effects.back(), plane);
         return at;
     }
-    /// Best first; those under which the body does not hold are left out.
-    std::vector<Tried> best_of(const std::vector<CrackPlane>& planes, std::size_t count) {
+    /// Best first; those under which the body does not hold are left out. `last`: by the last of the frames alone.
+    std::vector<Tried> best_of(const std::vector<CrackPlane>& planes, std::size_t count, bool last = false) {
         std::vector<Tried> tried(planes.size());
+        const std::span<const std::int32_t> frames = last ? std::span(frames_).last(1) : std::span(frames_);
         side_by_side(problem_, planes.size(), [&](Problem& p, std::size_t k) {
             tried[k].plane = planes[k];
             Eigen::VectorXd trajectory;
-            if (!p.out_of_time() && p.simulator.simulate_at(with(planes[k]), frames_, trajectory))
-                tried[k].left = left_at(p, frames_, trajectory);
+            if (!p.out_of_time() && p.simulator.simulate_at(with(planes[k]), frames, trajectory))
+                tried[k].left = left_at(p, frames, trajectory);
         });
         std::stable_sort(tried.begin(), tried.end(), [](const Tried& a, const Tried& b) { return a.left < b.left; });
         std::erase_if(tried, [](const Tried& t) { return !std::isfinite(t.left); });
@@ -102,9 +104,9 @@ class Trial {
     std::vector<std::int32_t> frames_;
 };
 
-Tried moved(Trial& trial, Tried best) {
-    double share = kFirstMove;
-    for (int round = 0; round < kMoves; ++round) {
+// In so many rounds, the first of which goes by `share`: by half as much after each that led nowhere.
+Tried moved(Trial& trial, Tried best, int rounds, double& share) {
+    for (int round = 0; round < rounds; ++round) {
         const std::vector<Tried> beside = trial.best_of(planes_beside(best.plane, share), 1);
         if (!beside.empty() && beside.front().left < best.left)
             best = beside.front();
@@ -189,29 +191,48 @@ std::vector<CrackPlane> planes_beside(const CrackPlane& plane, double share) {
     return beside;
 }
 
-void look_for_cracks(Problem& problem, const Fit& nominal, std::vector<Cause>& causes) {
+bool look_for_cracks(Problem& problem, const Fit& nominal, std::vector<Cause>& causes) {
     const Cause* found = may_be_crack(problem, causes);
-    if (found == nullptr) return;
+    if (found == nullptr) return false;
     const Cause cut = *found;
     const auto report = stage(problem.options, "looking for a crack");
     report(0.0);
     Trial trial(problem, cut.fit);
-    std::vector<Tried> best = trial.best_of(
-        planes_near(problem.simulator.mechanics(), problem.simulator.effects(), cut.fit.at.effects.back()), kKept);
+    std::vector<CrackPlane> planes;
+    const ActiveEffect& softened = cut.fit.at.effects.back();
+    for (const Tried& tried : trial.best_of(
+             planes_near(problem.simulator.mechanics(), problem.simulator.effects(), softened), kLooked, true))
+        planes.push_back(tried.plane);
+    std::vector<Tried> best = trial.best_of(planes, kKept);
+    if (best.empty()) return true;
     report(0.4);
-    for (Tried& one : best) one = moved(trial, std::move(one));
+    std::vector<double> shares(best.size(), kFirstMove);
+    for (std::size_t k = 0; k < best.size(); ++k) best[k] = moved(trial, best[k], 1, shares[k]);
+    const std::size_t better = best.size() > 1 && best[1].left < best[0].left ? 1 : 0;
+    const Tried found_plane = moved(trial, best[better], kMoves - 1, shares[better]);
     report(0.7);
-    std::vector<Cause> cracks(best.size());
-    side_by_side(problem, best.size(), [&](Problem& p, std::size_t k) {
-        cracks[k].entries = cut.entries;
-        cracks[k].search_cost = cut.search_cost + std::log(static_cast<double>(kTurns));
-        cracks[k].fit = fit_from_full_size(p, trial.with(best[k].plane), kRefitIterations);
-        p.look_ahead(cracks[k].fit);
-        score(p, nominal, nullptr, cracks[k]);
-    });
-    for (Cause& crack : cracks) keep_better(causes, std::move(crack));
+    Cause crack;
+    crack.entries = cut.entries;
+    crack.search_cost = cut.search_cost + std::log(static_cast<double>(kTurns));
+    crack.fit = fit_from_whole(problem, trial.with(found_plane.plane), kRefitIterations);
+    settle_instant(problem, crack.fit, kRefitIterations);
+    problem.look_ahead(crack.fit);
+    score(problem, nominal, nullptr, crack);
+    keep_better(causes, std::move(crack));
     sort_by_score(causes);
     report(1.0);
+    return true;
+}
+
+bool crack_is_far_ahead(const EffectTable& effects, const std::vector<Cause>& by_score) {
+    const Cause& best = by_score.front();
+    if (!best.fit.usable || best.entries.size() > 1) return false;
+    const EffectEntry& entry = effects[best.entries.front()];
+    if (!can_part(entry)) return false;
+    const ActiveEffect& cut = best.fit.at.effects.front();
+    const auto along = [&](const char* axis) { return *value_of(entry, cut, axis); };
+    const bool parted = Vector3d(along("normal_x"), along("normal_y"), along("normal_z")).norm() > 0.0;
+    return parted && (by_score.size() == 1 || by_score[1].score < best.score - kOutOfReach);
 }
 
 }  // namespace teres

@@ -23,7 +23,11 @@ std::vector<CrackPlane> planes_near(const TrajectoryModel& model, const EffectTa
 std::vector<CrackPlane> planes_beside(const CrackPlane& plane, double share);
 
 /// Where a cut that was fitted alone is not far behind the best, and that leaves more than noise and the model's error,
-/// the cut is tried as a crack: what leaves least at a few frames after it is fitted. Static recordings.
-void look_for_cracks(Problem& problem, const Fit& nominal, std::vector<Cause>& causes);
+/// the cut is tried as a crack: what leaves least at a few frames after it is fitted. Static recordings. Whether it
+/// was; best score first then.
+bool look_for_cracks(Problem& problem, const Fit& nominal, std::vector<Cause>& causes);
+
+/// Whether the best, best score first, is a crack that nothing else comes near: then nothing else need be finished.
+bool crack_is_far_ahead(const EffectTable& effects, const std::vector<Cause>& by_score);
 
 }  // namespace teres

@@ -88,7 +88,7 @@ TEST_F(Cracks, ANotchIsFoundWhereTissueSeemsToSoften) {
     ASSERT_TRUE(softer.fit.usable);
     ASSERT_GT(softer.misfit, 2.0 * count()) << "a softer ball is not it";
     std::vector<Cause> causes{softer};
-    look_for_cracks(*problem_, nominal_, causes);
+    EXPECT_TRUE(look_for_cracks(*problem_, nominal_, causes));
 
     ASSERT_EQ(causes.size(), 1u);
     const Cause& crack = causes.front();
@@ -100,8 +100,15 @@ TEST_F(Cracks, ANotchIsFoundWhereTissueSeemsToSoften) {
     EXPECT_GT(std::abs(normal.x()), std::cos(M_PI / 6.0)) << normal.transpose();
     EXPECT_LT(std::abs(centre_of(entry(), found)->x() - 0.05), 0.01);
 
+    EXPECT_TRUE(crack_is_far_ahead(effects_, causes));
+    Cause rival;
+    rival.entries = {effects_.find("stiffness")};
+    rival.score = crack.score - 1.0;
+    EXPECT_FALSE(crack_is_far_ahead(effects_, {crack, rival}));
+    EXPECT_FALSE(crack_is_far_ahead(effects_, {softer}));
+
     const std::vector<Cause> before = causes;
-    look_for_cracks(*problem_, nominal_, causes);
+    EXPECT_FALSE(look_for_cracks(*problem_, nominal_, causes));
     EXPECT_EQ(causes.front().fit.at.effects, before.front().fit.at.effects) << "nothing is left to explain";
 }
 
