@@ -107,7 +107,7 @@ TEST(MeshShape, IsTheSignedDistance) {
 TEST(TruthMesh, CutThroughPartsTheBody) {
     TruthMesh mesh(test::block_mesh({0.02, 0.01, 0.01}, {2, 1, 1}));
     const std::size_t before = mesh.corners().nodes.size();
-    EXPECT_EQ(mesh.cut({0.01, 0.005, 0.005}, {1.0, 0.0, 0.0}, 1.0), 2u);
+    EXPECT_EQ(mesh.cut({0.01, 0.005, 0.005}, {1.0, 0.0, 0.0}, 0.0, 1.0), 2u);
     EXPECT_EQ(mesh.corners().nodes.size(), before + 4);
     EXPECT_FALSE(check_body_mesh(mesh.corners(), "parted"));
 }
@@ -115,7 +115,7 @@ TEST(TruthMesh, CutThroughPartsTheBody) {
 // A cut that ends inside opens the surface but the body stays in one piece.
 TEST(TruthMesh, CutOfAnEdgeStaysConnected) {
     TruthMesh mesh(test::block_mesh({0.02, 0.02, 0.02}, {4, 4, 4}));
-    EXPECT_GT(mesh.cut({0.01, 0.0, 0.0}, {1.0, 0.0, 0.0}, 0.011), 0u);
+    EXPECT_GT(mesh.cut({0.01, 0.0, 0.0}, {1.0, 0.0, 0.0}, 0.0, 0.011), 0u);
     std::set<std::array<std::int32_t, 4>> tets(mesh.corners().tets.begin(), mesh.corners().tets.end());
     EXPECT_EQ(tets.size(), 6u * 64u);
     EXPECT_GT(mesh.corners().nodes.size(), 125u);
