@@ -4,7 +4,8 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <span>
+#include <numeric>
+#include <optional>
 #include <string>
 
 #include "plugins/diagnosis/search_steps.h"
@@ -15,12 +16,13 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr std::size_t kPlaces = 10;  // of the search grid, next to the fitted cut
-constexpr int kTurns = 6;            // about the way to the surface
-constexpr double kRadii = 2.0;       // of a ball of usual size: a crack lets less go than softened tissue
-constexpr std::size_t kLooked = 8;   // planes that look best at one frame go on to all of them
-constexpr std::size_t kKept = 2;     // are moved once; the better one goes on
-constexpr double kFirstMove = 0.5;   // share of the radius; then a half of that
+constexpr std::size_t kPlaces = 10, kByGain = 4;  // of the search grid next to the fitted cut; those that explain most
+constexpr int kTurns = 6;                         // about the way to the surface
+constexpr double kRadii = 2.0;                    // of a ball of usual size: a crack lets less go than softened tissue
+constexpr std::size_t kFitted = 6;                // planes whose ligaments are fitted before they are compared
+constexpr int kShortFit = 2;                      // iterations of that
+constexpr std::size_t kKept = 2;                  // are moved once; the better one goes on
+constexpr double kFirstMove = 0.5;                // share of the radius; then a half of that
 constexpr int kMoves = 4;
 constexpr std::size_t kTrialFrames = 3;  // after the instant
 constexpr double kNone = std::numeric_limits<double>::infinity();
@@ -54,6 +56,7 @@ Vector3d way_out(const TrajectoryModel& model, const Vector3d& place) {
 
 struct Tried {
     CrackPlane plane;
+    std::vector<double> theta;  // of the ligaments beside it
     double left = kNone;
 };
 
@@ -75,22 +78,24 @@ class Trial {
             if (frames_.empty() || f > frames_.back()) frames_.push_back(std::max(f, first));
         }
     }
-    Assumption with(const CrackPlane& plane) const {
+    const std::vector<double>& theta() const { return at_.theta; }
+    Assumption with(const Tried& tried) const {
         Assumption at = at_;
-        at.effects.back() = with_crack(entry_(), at.effects.back(), plane);
+        at.theta = tried.theta;
+        at.effects.back() = with_crack(entry_(), at.effects.back(), tried.plane);
         return at;
     }
-    /// Best first; those under which the body does not hold are left out. `last`: by the last of the frames alone.
-    std::vector<Tried> best_of(const std::vector<CrackPlane>& planes, std::size_t count, bool last = false) {
+    /// Best first; those under which the body does not hold are left out.
+    std::vector<Tried> best_of(const std::vector<CrackPlane>& planes, const std::vector<double>& theta,
+                               std::size_t count) {
         std::vector<Tried> tried(planes.size());
-        const std::span<const std::int32_t> frames = last ? std::span(frames_).last(1) : std::span(frames_);
         side_by_side(problem_, planes.size(), [&](Problem& p, std::size_t k) {
-            tried[k].plane = planes[k];
+            tried[k] = {planes[k], theta, kNone};
             Eigen::VectorXd trajectory;
-            if (!p.out_of_time() && p.simulator.simulate_at(with(planes[k]), frames, trajectory))
-                tried[k].left = left_at(p, frames, trajectory);
+            if (!p.out_of_time() && p.simulator.simulate_at(with(tried[k]), frames_, trajectory))
+                tried[k].left = left_at(p, frames_, trajectory);
         });
-        std::stable_sort(tried.begin(), tried.end(), [](const Tried& a, const Tried& b) { return a.left < b.left; });
+        std::stable_sort(tried.begin(), tried.end(), [](const Tried& x, const Tried& y) { return x.left < y.left; });
         std::erase_if(tried, [](const Tried& t) { return !std::isfinite(t.left); });
         tried.resize(std::min(tried.size(), count));
         return tried;
@@ -107,13 +112,22 @@ class Trial {
 // In so many rounds, the first of which goes by `share`: by half as much after each that led nowhere.
 Tried moved(Trial& trial, Tried best, int rounds, double& share) {
     for (int round = 0; round < rounds; ++round) {
-        const std::vector<Tried> beside = trial.best_of(planes_beside(best.plane, share), 1);
+        const std::vector<Tried> beside = trial.best_of(planes_beside(best.plane, share), best.theta, 1);
         if (!beside.empty() && beside.front().left < best.left)
             best = beside.front();
         else
             share *= 0.5;
     }
     return best;
+}
+
+// Their ligaments fitted for a few iterations, which leaves the planes as they are.
+std::vector<Fit> fitted(Problem& problem, const Trial& trial, const std::vector<Tried>& planes, int iterations) {
+    std::vector<Fit> fits(planes.size());
+    side_by_side(problem, planes.size(), [&](Problem& p, std::size_t k) {
+        if (!p.out_of_time()) fits[k] = fit_from_whole(p, trial.with(planes[k]), iterations);
+    });
+    return fits;
 }
 
 // A cut that a crack may explain better.
@@ -145,18 +159,26 @@ ActiveEffect with_crack(const EffectEntry& entry, ActiveEffect cut, const CrackP
     return cut;
 }
 
-std::vector<CrackPlane> planes_near(const TrajectoryModel& model, const EffectTable& effects, const ActiveEffect& cut) {
+std::vector<CrackPlane> planes_near(const TrajectoryModel& model, const EffectTable& effects, const ActiveEffect& cut,
+                                    std::vector<PlaceGain> by_gain) {
     const EffectEntry& entry = effects[cut.entry];
-    const Vector3d at = *centre_of(entry, cut);
-    const auto farther = [&](const Vector3d& a, const Vector3d& b) { return (a - at).norm() < (b - at).norm(); };
-    std::vector<Vector3d> places;
-    for (std::size_t c = 0; c < static_cast<std::size_t>(entry.info.num_candidates); ++c) {
-        const Vector3d place = *centre_of(entry, effects.candidate(cut.entry, c));
-        if (std::find(places.begin(), places.end(), place) == places.end()) places.push_back(place);
-    }
-    std::stable_sort(places.begin(), places.end(), farther);
-    places.resize(std::min(places.size(), kPlaces));
-    places.insert(places.begin(), at);
+    std::vector<Vector3d> places{*centre_of(entry, cut)};
+    const auto add = [&](const std::vector<PlaceGain>& sorted, std::size_t count) {
+        std::size_t added = 0;
+        for (const PlaceGain& place : sorted) {
+            if (added == count) return;
+            if (std::find(places.begin(), places.end(), place.centre_m) != places.end()) continue;
+            places.push_back(place.centre_m);
+            ++added;
+        }
+    };
+    std::stable_sort(by_gain.begin(), by_gain.end(), [](const auto& x, const auto& y) { return x.score > y.score; });
+    std::vector<PlaceGain> by_distance = by_gain;
+    std::stable_sort(by_distance.begin(), by_distance.end(), [&](const auto& x, const auto& y) {
+        return (x.centre_m - places.front()).norm() < (y.centre_m - places.front()).norm();
+    });
+    add(by_distance, kPlaces);
+    add(by_gain, kByGain);
 
     const double usual = std::exp(entry.parameters[parameter_of(entry, "radius")].prior_mean);
     std::vector<CrackPlane> planes;
@@ -191,30 +213,47 @@ std::vector<CrackPlane> planes_beside(const CrackPlane& plane, double share) {
     return beside;
 }
 
-bool look_for_cracks(Problem& problem, const Fit& nominal, std::vector<Cause>& causes) {
+bool look_for_cracks(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes) {
     const Cause* found = may_be_crack(problem, causes);
     if (found == nullptr) return false;
     const Cause cut = *found;
     const auto report = stage(problem.options, "looking for a crack");
     report(0.0);
+    const auto screened = std::find_if(screening.effects.begin(), screening.effects.end(),
+                                       [&](const EffectScreening& e) { return e.entry == cut.entries.front(); });
+    if (screened == screening.effects.end()) return false;
     Trial trial(problem, cut.fit);
-    std::vector<CrackPlane> planes;
     const ActiveEffect& softened = cut.fit.at.effects.back();
-    for (const Tried& tried : trial.best_of(
-             planes_near(problem.simulator.mechanics(), problem.simulator.effects(), softened), kLooked, true))
-        planes.push_back(tried.plane);
-    std::vector<Tried> best = trial.best_of(planes, kKept);
-    if (best.empty()) return true;
-    report(0.4);
-    std::vector<double> shares(best.size(), kFirstMove);
-    for (std::size_t k = 0; k < best.size(); ++k) best[k] = moved(trial, best[k], 1, shares[k]);
-    const std::size_t better = best.size() > 1 && best[1].left < best[0].left ? 1 : 0;
-    const Tried found_plane = moved(trial, best[better], kMoves - 1, shares[better]);
+    std::vector<Tried> planes = trial.best_of(
+        planes_near(problem.simulator.mechanics(), problem.simulator.effects(), softened, screened->places),
+        trial.theta(), kFitted);
+    report(0.3);
+    const std::vector<Fit> fits = fitted(problem, trial, planes, kShortFit);
+    report(0.5);
+    std::vector<std::size_t> order(planes.size());
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    std::erase_if(order, [&](std::size_t k) { return !fits[k].usable; });
+    std::stable_sort(order.begin(), order.end(),
+                     [&](std::size_t x, std::size_t y) { return fits[x].cost < fits[y].cost; });
+    if (order.empty()) return true;
+    std::optional<Tried> best;
+    double share = kFirstMove;
+    for (std::size_t k = 0; k < std::min(kKept, order.size()); ++k) {
+        double own = kFirstMove;
+        const std::vector<Tried> start = trial.best_of({planes[order[k]].plane}, fits[order[k]].at.theta, 1);
+        if (start.empty()) continue;
+        const Tried once = moved(trial, start.front(), 1, own);
+        if (!best || once.left < best->left) best = once, share = own;
+    }
+    if (!best) return true;
+    best = moved(trial, *best, kMoves - 1, share);
     report(0.7);
     Cause crack;
     crack.entries = cut.entries;
     crack.search_cost = cut.search_cost + std::log(static_cast<double>(kTurns));
-    crack.fit = fit_from_whole(problem, trial.with(found_plane.plane), kRefitIterations);
+    crack.fit = fit_from_whole(problem, trial.with(*best), kRefitIterations);
+    if (const Fit& unmoved = fits[order.front()]; !crack.fit.usable || unmoved.cost < crack.fit.cost)
+        crack.fit = fit_from_whole(problem, unmoved.at, kRefitIterations);
     settle_instant(problem, crack.fit, kRefitIterations);
     problem.look_ahead(crack.fit);
     score(problem, nominal, nullptr, crack);

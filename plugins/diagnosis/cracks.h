@@ -3,6 +3,7 @@
 #pragma once
 
 #include "plugins/diagnosis/cause_fit.h"
+#include "plugins/diagnosis/screening.h"
 
 namespace teres {
 
@@ -16,8 +17,10 @@ struct CrackPlane {
 /// The cut parted across the plane.
 ActiveEffect with_crack(const EffectEntry& entry, ActiveEffect cut, const CrackPlane& plane);
 
-/// Planes near a cut: at its place and at those of the search grid next to it, turned about the way to the surface.
-std::vector<CrackPlane> planes_near(const TrajectoryModel& model, const EffectTable& effects, const ActiveEffect& cut);
+/// Planes near a cut: at its place, at those of the search grid next to it and at those that explain most by first
+/// order, turned about the way to the surface.
+std::vector<CrackPlane> planes_near(const TrajectoryModel& model, const EffectTable& effects, const ActiveEffect& cut,
+                                    std::vector<PlaceGain> by_gain);
 
 /// The same plane moved, tilted, larger and smaller, by `share` of its radius and of a right angle.
 std::vector<CrackPlane> planes_beside(const CrackPlane& plane, double share);
@@ -25,7 +28,7 @@ std::vector<CrackPlane> planes_beside(const CrackPlane& plane, double share);
 /// Where a cut that was fitted alone is not far behind the best, and that leaves more than noise and the model's error,
 /// the cut is tried as a crack: what leaves least at a few frames after it is fitted. Static recordings. Whether it
 /// was; best score first then.
-bool look_for_cracks(Problem& problem, const Fit& nominal, std::vector<Cause>& causes);
+bool look_for_cracks(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes);
 
 /// Whether the best, best score first, is a crack that nothing else comes near: then nothing else need be finished.
 bool crack_is_far_ahead(const EffectTable& effects, const std::vector<Cause>& by_score);

@@ -335,13 +335,13 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
     if (!again) {
         const bool looked = look_for_tears(problem, nominal, out.screening, causes);
         sort_by_score(causes);
-        const bool parted = look_for_cracks(problem, nominal, causes);
+        const bool parted = look_for_cracks(problem, nominal, out.screening, causes);
         if (!parted || !crack_is_far_ahead(effects, causes)) {
             if (causes.empty() || causes.front().entries.size() == 1)
                 finish(problem, nominal, nullptr, out.screening, causes);
             if (!looked && look_for_tears(problem, nominal, out.screening, causes))
                 finish(problem, nominal, nullptr, out.screening, causes);
-            if (!parted) look_for_cracks(problem, nominal, causes);
+            if (!parted) look_for_cracks(problem, nominal, out.screening, causes);
         }
         again = searched_again();
     }
