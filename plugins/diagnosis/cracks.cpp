@@ -134,12 +134,13 @@ std::vector<Fit> fitted(Problem& problem, const Trial& trial, const std::vector<
 const Cause* may_be_crack(const Problem& problem, std::vector<Cause>& causes) {
     if (causes.empty() || problem.simulator.mechanics().dynamic() || problem.out_of_time()) return nullptr;
     sort_by_score(causes);
-    const Cause& best = causes.front();
-    if (!best.fit.usable || problem.floor.explains(best.left())) return nullptr;
-    for (const Cause& cause : causes)
-        if (cause.fit.usable && cause.entries.size() == 1 &&
-            can_part(problem.simulator.effects()[cause.entries.front()]) && cause.score > best.score - kOutOfReach)
-            return &cause;
+    const Cause* best = nullptr;  // of what was fitted
+    for (const Cause& cause : causes) {
+        if (!cause.fit.usable) continue;
+        if (best == nullptr) best = &cause;
+        if (problem.floor.explains(best->left()) || cause.score <= best->score - kOutOfReach) return nullptr;
+        if (cause.entries.size() == 1 && can_part(problem.simulator.effects()[cause.entries.front()])) return &cause;
+    }
     return nullptr;
 }
 

@@ -331,17 +331,19 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
         out.verdict = judge_now(problem, nominal, causes);
         return fails(leading(out.verdict)) && problem.time_for_as_much();
     };
-    bool again = searched_again();
+    bool again = searched_again(), parted = false;
+    const auto part = [&] {  // once
+        return !parted && (parted = look_for_cracks(problem, nominal, out.screening, causes));
+    };
     if (!again) {
         const bool looked = look_for_tears(problem, nominal, out.screening, causes);
-        sort_by_score(causes);
-        const bool parted = look_for_cracks(problem, nominal, out.screening, causes);
-        if (!parted || !crack_is_far_ahead(effects, causes)) {
+        if (!part() || !crack_is_far_ahead(effects, causes)) {
+            sort_by_score(causes);
             if (causes.empty() || causes.front().entries.size() == 1)
                 finish(problem, nominal, nullptr, out.screening, causes);
             if (!looked && look_for_tears(problem, nominal, out.screening, causes))
                 finish(problem, nominal, nullptr, out.screening, causes);
-            if (!parted) look_for_cracks(problem, nominal, out.screening, causes);
+            part();
         }
         again = searched_again();
     }
@@ -349,9 +351,10 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
     if (!again && !causes.empty()) {
         add_effects(problem, nominal, out.screening, causes);
         out.verdict = judge_now(problem, nominal, causes);
-        if (!fails(out.named()) && !problem.floor.explains(left_of(nominal)) && !problem.out_of_time() &&
-            look_again(problem, nominal, out.screening, causes))
-            add_effects(problem, nominal, out.screening, causes);
+        const bool finds = !fails(out.named()) && !problem.floor.explains(left_of(nominal)) && !problem.out_of_time() &&
+                           look_again(problem, nominal, out.screening, causes);
+        const bool parts = out.named() == nullptr && part() && causes.front().entries.size() == 1;
+        if (finds || parts) add_effects(problem, nominal, out.screening, causes);
         weigh_forms(problem, nominal, causes);
         weigh_state(problem, nominal, causes);
         out.verdict = judge_now(problem, nominal, causes);
