@@ -157,6 +157,8 @@ ActiveEffect with_crack(const EffectEntry& entry, ActiveEffect cut, const CrackP
         set(std::string("normal_") + "xyz"[a], plane.normal(a));
     }
     set("radius", plane.radius_m);
+    for (std::size_t p = 0; p < cut.values.size(); ++p)  // nothing is left between open faces
+        if (entry.parameters[p].role == EffectRole::kAmplitude) cut.values[p] = entry.parameters[p].upper;
     return cut;
 }
 

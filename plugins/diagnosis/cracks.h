@@ -14,7 +14,7 @@ struct CrackPlane {
     double radius_m = 0.0;
 };
 
-/// The cut parted across the plane.
+/// The cut parted across the plane: all of its stiffness is lost there.
 ActiveEffect with_crack(const EffectEntry& entry, ActiveEffect cut, const CrackPlane& plane);
 
 /// Planes near a cut: at its place, at those of the search grid next to it and at those that explain most by first
