@@ -93,7 +93,8 @@ std::optional<PartedMesh> part(const TetMeshData& mesh, const Crack& crack) {
     PartedMesh out{mesh, {}, std::vector<double>(mesh.nodes.size(), 0.0)};
     std::vector<char> parted(mesh.nodes.size(), 0);
     for (std::size_t f = 0; f < faces.size(); ++f) {
-        const auto& [nodes, tets] = faces[f];
+        const std::array<std::int32_t, 3>& nodes = faces[f].nodes;
+        const std::array<std::size_t, 2>& tets = faces[f].tets;
         whole.join(tets[0], tets[1]);
         if (!open[f]) {
             pieces.join(tets[0], tets[1]);
