@@ -4,9 +4,9 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <numeric>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "plugins/diagnosis/search_steps.h"
 #include "plugins/diagnosis/strong_start.h"
@@ -65,7 +65,7 @@ class Trial {
   public:
     Trial(Problem& problem, const Fit& fitted) : problem_(problem), at_(fitted.at) {
         const EffectEntry& entry = entry_();
-        ActiveEffect& cut = at_.effects.back();
+        const ActiveEffect& cut = at_.effects.back();
         const std::size_t onset = parameter_of(entry, "onset"), duration = parameter_of(entry, "duration");
         const double done_s = cut.values[onset] + (duration != kNoParameter ? cut.values[duration] : 0.0);
         const std::vector<double>& times = problem.simulator.times_s();
@@ -121,13 +121,34 @@ Tried moved(Trial& trial, Tried best, int rounds, double& share) {
     return best;
 }
 
-// Their ligaments fitted for a few iterations, which leaves the planes as they are.
-std::vector<Fit> fitted(Problem& problem, const Trial& trial, const std::vector<Tried>& planes, int iterations) {
-    std::vector<Fit> fits(planes.size());
+// The planes with their ligaments fitted for a few iterations, which leaves the planes as they are; best first.
+std::vector<std::pair<Tried, Fit>> beside_fitted(Problem& problem, Trial& trial, const std::vector<Tried>& planes) {
+    std::vector<std::pair<Tried, Fit>> fits(planes.size());
     side_by_side(problem, planes.size(), [&](Problem& p, std::size_t k) {
-        if (!p.out_of_time()) fits[k] = fit_from_whole(p, trial.with(planes[k]), iterations);
+        fits[k].first = planes[k];
+        if (!p.out_of_time()) fits[k].second = fit_from_whole(p, trial.with(planes[k]), kShortFit);
     });
+    std::erase_if(fits, [](const auto& fit) { return !fit.second.usable; });
+    std::stable_sort(fits.begin(), fits.end(),
+                     [](const auto& x, const auto& y) { return x.second.cost < y.second.cost; });
+    for (auto& [tried, fit] : fits) tried.theta = fit.at.theta;
     return fits;
+}
+
+// The first few moved once, the better one of these on.
+std::optional<Tried> moved_from(Trial& trial, const std::vector<std::pair<Tried, Fit>>& fits) {
+    std::optional<Tried> best;
+    double share = kFirstMove;
+    for (std::size_t k = 0; k < std::min(kKept, fits.size()); ++k) {
+        const Tried& from = fits[k].first;
+        const std::vector<Tried> start = trial.best_of({from.plane}, from.theta, 1);
+        if (start.empty()) continue;
+        double own = kFirstMove;
+        const Tried once = moved(trial, start.front(), 1, own);
+        if (!best || once.left < best->left) best = once, share = own;
+    }
+    if (best) best = moved(trial, *best, kMoves - 1, share);
+    return best;
 }
 
 // A cut that a crack may explain better.
@@ -226,36 +247,20 @@ bool look_for_cracks(Problem& problem, const Fit& nominal, const Screening& scre
                                        [&](const EffectScreening& e) { return e.entry == cut.entries.front(); });
     if (screened == screening.effects.end()) return false;
     Trial trial(problem, cut.fit);
-    const ActiveEffect& softened = cut.fit.at.effects.back();
-    std::vector<Tried> planes = trial.best_of(
-        planes_near(problem.simulator.mechanics(), problem.simulator.effects(), softened, screened->places),
-        trial.theta(), kFitted);
+    const std::vector<CrackPlane> planes = planes_near(problem.simulator.mechanics(), problem.simulator.effects(),
+                                                       cut.fit.at.effects.back(), screened->places);
+    const std::vector<Tried> tried = trial.best_of(planes, trial.theta(), kFitted);
     report(0.3);
-    const std::vector<Fit> fits = fitted(problem, trial, planes, kShortFit);
+    const std::vector<std::pair<Tried, Fit>> fits = beside_fitted(problem, trial, tried);
     report(0.5);
-    std::vector<std::size_t> order(planes.size());
-    std::iota(order.begin(), order.end(), std::size_t{0});
-    std::erase_if(order, [&](std::size_t k) { return !fits[k].usable; });
-    std::stable_sort(order.begin(), order.end(),
-                     [&](std::size_t x, std::size_t y) { return fits[x].cost < fits[y].cost; });
-    if (order.empty()) return true;
-    std::optional<Tried> best;
-    double share = kFirstMove;
-    for (std::size_t k = 0; k < std::min(kKept, order.size()); ++k) {
-        double own = kFirstMove;
-        const std::vector<Tried> start = trial.best_of({planes[order[k]].plane}, fits[order[k]].at.theta, 1);
-        if (start.empty()) continue;
-        const Tried once = moved(trial, start.front(), 1, own);
-        if (!best || once.left < best->left) best = once, share = own;
-    }
+    const std::optional<Tried> best = moved_from(trial, fits);
     if (!best) return true;
-    best = moved(trial, *best, kMoves - 1, share);
     report(0.7);
     Cause crack;
     crack.entries = cut.entries;
     crack.search_cost = cut.search_cost + std::log(static_cast<double>(kTurns));
     crack.fit = fit_from_whole(problem, trial.with(*best), kRefitIterations);
-    if (const Fit& unmoved = fits[order.front()]; !crack.fit.usable || unmoved.cost < crack.fit.cost)
+    if (const Fit& unmoved = fits.front().second; !crack.fit.usable || unmoved.cost < crack.fit.cost)
         crack.fit = fit_from_whole(problem, unmoved.at, kRefitIterations);
     settle_instant(problem, crack.fit, kRefitIterations);
     problem.look_ahead(crack.fit);
