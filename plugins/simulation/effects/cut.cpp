@@ -1,5 +1,6 @@
 // cut: tissue in a region loses its stiffness at some time, psi' = (1 - loss w(x) s(t)) psi; or, with a normal, it is
-// parted across a plane: faces within the radius open half way through the duration (parted_body.h).
+// parted across a plane: faces within the radius open half way through the duration (parted_body.h). With inertia it
+// softens either way.
 #include "plugins/simulation/effects/effect.h"
 #include "plugins/simulation/effects/places.h"
 
@@ -41,7 +42,7 @@ class Cut final : public Effect {
     }
     void apply(std::span<const double> v, Scene& scene) const override {
         const double loss = v[0] * ramp(scene.t_s, v[5], v[6]);
-        if (loss == 0.0 || crack(v)) return;
+        if (loss == 0.0 || (!scene.dynamic && crack(v))) return;
         const Eigen::Vector3d centre(v[1], v[2], v[3]);
         auto& points = scene.body_points();
         for (std::size_t s = 0; s < points.size(); ++s)
