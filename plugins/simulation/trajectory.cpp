@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <future>
+#include <limits>
 #include <numeric>
 #include <utility>
 
@@ -31,6 +32,11 @@ constexpr std::size_t kSolvedShare = 3;      // approximate(): one in so many fr
 constexpr std::size_t kFewFrames = 24;       // ... of more than these
 constexpr double kFirstShift = 1e-8;         // of the mean diagonal of an indefinite tangent
 constexpr std::size_t kFewShared = 8;        // frames that are not worth another thread
+
+TrajectoryReport both(const TrajectoryReport& a, const TrajectoryReport& b) {
+    return {a.frames + b.frames, a.frames_converged + b.frames_converged,
+            std::max(a.relative_residual, b.relative_residual)};
+}
 
 }  // namespace
 
@@ -110,9 +116,7 @@ TrajectoryReport Trajectory::simulate(const Hypothesis& h, std::span<double> mar
     const TrajectoryReport report = play_all(h, markers_m, points_m, nodes_m, nullptr);
     const std::optional<Crack> crack = crack_of(h);
     if (!crack) return report;
-    const TrajectoryReport parted = play_parted(h, *crack, markers_m, points_m, nodes_m);
-    return {report.frames + parted.frames, report.frames_converged + parted.frames_converged,
-            std::max(report.relative_residual, parted.relative_residual)};
+    return both(report, play_parted(h, *crack, markers_m, points_m, nodes_m));
 }
 
 std::optional<Crack> Trajectory::crack_of(const Hypothesis& h) const {
@@ -235,8 +239,7 @@ TrajectoryReport Trajectory::play_frames(const Hypothesis& h, std::span<const st
     TrajectoryReport rest = twins.get();
     if (rest.frames_converged < rest.frames && report.frames_converged == report.frames)  // too far: in order
         rest = play(*this, later, &last, earlier.back());
-    return {report.frames + rest.frames, report.frames_converged + rest.frames_converged,
-            std::max(report.relative_residual, rest.relative_residual)};
+    return both(report, rest);
 }
 
 // z_f(h) = z_f + (1 + a_f) dz_f + r_f about the last whole trajectory: dz first order at every frame; a and the rest r
@@ -543,7 +546,8 @@ bool Trajectory::effect_forces(std::size_t which, std::span<double> rms_n) const
     TERES_CHECK(rms_n.size() == num_nodes());
     if (base_->x.empty() || which >= base_->at.effects.size()) return false;
     const EffectInstance& on = base_->at.effects[which];
-    if (const auto crack = effects_[static_cast<std::size_t>(on.index)]->crack(on.values)) {
+    const auto crack = effects_[static_cast<std::size_t>(on.index)]->crack(on.values);
+    if (crack && !dynamic()) {
         const auto parted = part(case_.mesh, *crack);
         if (!parted) return false;
         std::copy(parted->opened_m2.begin(), parted->opened_m2.end(), rms_n.begin());
@@ -581,14 +585,18 @@ TrajectoryReport Trajectory::simulate_variant(std::size_t index, const Hypothesi
     // Others may ask at once: nothing of this one is changed.
     const auto parted = PartedBody::make(case_, settings_, *crack);
     TrajectoryReport rest{static_cast<std::int32_t>(frames.size() - before), 0, 1.0};
+    const std::span<double> markers_after = markers_m.subspan(before * row),
+                            points_after = points_m.subspan(before * points);
     if (parted != nullptr) {
         std::vector<VectorXd> doubled;
         for (const VectorXd& x : nominal) doubled.push_back(parted->doubled(x));
         rest = play_variant(variants_[index], parted->data(), settings_, h, frames.subspan(before), doubled,
-                            markers_m.subspan(before * row), points_m.subspan(before * points));
+                            markers_after, points_after);
+    } else {
+        for (const auto& out : {markers_after, points_after})
+            std::fill(out.begin(), out.end(), std::numeric_limits<double>::quiet_NaN());
     }
-    return {report.frames + rest.frames, report.frames_converged + rest.frames_converged,
-            std::max(report.relative_residual, rest.relative_residual)};
+    return both(report, rest);
 }
 
 TrajectoryReport Trajectory::simulate_at(const Hypothesis& h, std::span<const std::int32_t> frames,
@@ -608,8 +616,7 @@ TrajectoryReport Trajectory::simulate_at(const Hypothesis& h, std::span<const st
     if (base_->x.size() == num_frames()) whole = base_->x;
     if (PartedBody* parted = parted_by(*crack))
         rest = parted->play(h, effects_, frames.subspan(before), whole, markers_m.subspan(before * row), {}, {}, true);
-    return {report.frames + rest.frames, report.frames_converged + rest.frames_converged,
-            std::max(report.relative_residual, rest.relative_residual)};
+    return both(report, rest);
 }
 
 }  // namespace teres
