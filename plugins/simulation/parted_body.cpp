@@ -168,6 +168,13 @@ VectorXd PartedBody::doubled(const VectorXd& whole) const {
     return x;
 }
 
+std::vector<VectorXd> PartedBody::doubled(std::span<const VectorXd> whole) const {
+    std::vector<VectorXd> out;
+    out.reserve(whole.size());
+    for (const VectorXd& x : whole) out.push_back(doubled(x));
+    return out;
+}
+
 TrajectoryReport PartedBody::play(const Hypothesis& h, const std::vector<std::unique_ptr<Effect>>& effects,
                                   std::span<const std::int32_t> frames, std::span<const VectorXd> whole,
                                   std::span<double> markers_m, std::span<double> points_m, std::span<double> nodes_m,
@@ -193,6 +200,51 @@ TrajectoryReport PartedBody::play(const Hypothesis& h, const std::vector<std::un
         if (!nodes_m.empty()) std::copy_n(x, nodes, &nodes_m[k * nodes]);
     };
     return player_->play(h, effects, frames, see, guess, 0, nullptr, all);
+}
+
+PartedBody* PartedBodies::by(const Case& whole, const PlayerSettings& settings, const Crack& crack) {
+    Crack at = crack;
+    at.instant_s = 0.0;  // of no matter to the mesh
+    if (asked_ != at) {
+        body_ = PartedBody::make(whole, settings, at);
+        asked_ = at;
+    }
+    return body_.get();
+}
+
+std::optional<Crack> crack_of(const std::vector<std::unique_ptr<Effect>>& effects, const Hypothesis& h) {
+    for (const EffectInstance& on : h.effects) {
+        const Effect& effect = *effects[static_cast<std::size_t>(on.index)];
+        if (is_null(effect.description(), on.values)) continue;
+        if (const std::optional<Crack> crack = effect.crack(on.values)) return crack;
+    }
+    return {};
+}
+
+std::size_t first_parted(const std::vector<double>& times_s, const Crack& crack) {
+    return static_cast<std::size_t>(std::lower_bound(times_s.begin(), times_s.end(), crack.instant_s) -
+                                    times_s.begin());
+}
+
+TrajectoryReport play_in_two(std::span<const std::int32_t> frames, std::size_t first, std::span<double> markers_m,
+                             std::span<double> points_m, const FramePlayer& whole, const FramePlayer& parted) {
+    const auto before = static_cast<std::size_t>(
+        std::lower_bound(frames.begin(), frames.end(), static_cast<std::int32_t>(first)) - frames.begin());
+    const auto at = [&](std::span<double> all) { return frames.empty() ? 0 : all.size() / frames.size() * before; };
+    TrajectoryReport report{};
+    if (before > 0) report = whole(frames.first(before), markers_m.first(at(markers_m)), points_m.first(at(points_m)));
+    if (before == frames.size()) return report;
+    return both(report,
+                parted(frames.subspan(before), markers_m.subspan(at(markers_m)), points_m.subspan(at(points_m))));
+}
+
+TrajectoryReport both(const TrajectoryReport& a, const TrajectoryReport& b) {
+    return {a.frames + b.frames, a.frames_converged + b.frames_converged,
+            std::max(a.relative_residual, b.relative_residual)};
+}
+
+TrajectoryReport none_of(std::size_t frames) {
+    return {static_cast<std::int32_t>(frames), 0, 1.0};
 }
 
 }  // namespace teres

@@ -8,8 +8,10 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "core/case/case.h"
@@ -48,6 +50,7 @@ class PartedBody {
 
     /// Positions of the whole body's nodes given to all of this one's.
     Eigen::VectorXd doubled(const Eigen::VectorXd& whole) const;
+    std::vector<Eigen::VectorXd> doubled(std::span<const Eigen::VectorXd> whole) const;
 
   private:
     PartedBody() = default;
@@ -57,5 +60,34 @@ class PartedBody {
     Case case_;
     std::unique_ptr<ScenePlayer> player_;
 };
+
+/// The body of a case as cracks part it; the one that was asked for last is kept.
+class PartedBodies {
+  public:
+    /// Null: see PartedBody::make().
+    PartedBody* by(const Case& whole, const PlayerSettings& settings, const Crack& crack);
+
+  private:
+    std::optional<Crack> asked_;
+    std::unique_ptr<PartedBody> body_;
+};
+
+/// How the hypothesis parts the body; nothing if it does not.
+std::optional<Crack> crack_of(const std::vector<std::unique_ptr<Effect>>& effects, const Hypothesis& h);
+
+/// First of the frames at which the body is parted.
+std::size_t first_parted(const std::vector<double>& times_s, const Crack& crack);
+
+/// Plays the listed frames into 3 numbers per marker and per point (or no points), in the same order.
+using FramePlayer = std::function<TrajectoryReport(std::span<const std::int32_t> frames, std::span<double> markers_m,
+                                                   std::span<double> points_m)>;
+/// The listed frames (ascending) before `first` by `whole`, the others by `parted`; what has no frame is not called.
+TrajectoryReport play_in_two(std::span<const std::int32_t> frames, std::size_t first, std::span<double> markers_m,
+                             std::span<double> points_m, const FramePlayer& whole, const FramePlayer& parted);
+
+/// Of both.
+TrajectoryReport both(const TrajectoryReport& a, const TrajectoryReport& b);
+/// None of so many frames converged.
+TrajectoryReport none_of(std::size_t frames);
 
 }  // namespace teres

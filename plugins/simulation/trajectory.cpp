@@ -33,11 +33,6 @@ constexpr std::size_t kFewFrames = 24;       // ... of more than these
 constexpr double kFirstShift = 1e-8;         // of the mean diagonal of an indefinite tangent
 constexpr std::size_t kFewShared = 8;        // frames that are not worth another thread
 
-TrajectoryReport both(const TrajectoryReport& a, const TrajectoryReport& b) {
-    return {a.frames + b.frames, a.frames_converged + b.frames_converged,
-            std::max(a.relative_residual, b.relative_residual)};
-}
-
 }  // namespace
 
 Result<std::unique_ptr<Trajectory>> Trajectory::make(const Case& c, const PlayerSettings& settings) {
@@ -114,44 +109,21 @@ TrajectoryReport Trajectory::simulate(const Hypothesis& h, std::span<double> mar
                                       std::span<double> nodes_m) noexcept {
     whole_ = std::make_shared<BaseTrajectory>();
     const TrajectoryReport report = play_all(h, markers_m, points_m, nodes_m, nullptr);
-    const std::optional<Crack> crack = crack_of(h);
-    if (!crack) return report;
-    return both(report, play_parted(h, *crack, markers_m, points_m, nodes_m));
+    const std::optional<Crack> crack = how_parted(h);
+    return crack ? both(report, play_parted(h, *crack, markers_m, points_m, nodes_m)) : report;
 }
 
-std::optional<Crack> Trajectory::crack_of(const Hypothesis& h) const {
-    if (dynamic()) return {};
-    for (const EffectInstance& on : h.effects) {
-        const Effect& effect = *effects_[static_cast<std::size_t>(on.index)];
-        if (is_null(effect.description(), on.values)) continue;
-        if (const std::optional<Crack> crack = effect.crack(on.values)) return crack;
-    }
-    return {};
-}
-
-PartedBody* Trajectory::parted_by(const Crack& crack) {
-    Crack at = crack;
-    at.instant_s = 0.0;
-    if (parted_crack_ != at) {
-        parted_ = PartedBody::make(case_, settings_, at);
-        parted_crack_ = at;
-    }
-    return parted_.get();
-}
-
-std::size_t Trajectory::first_parted(const Crack& crack) const {
-    const std::vector<double>& times = player_->times();
-    return static_cast<std::size_t>(std::lower_bound(times.begin(), times.end(), crack.instant_s) - times.begin());
+std::optional<Crack> Trajectory::how_parted(const Hypothesis& h) const {
+    return dynamic() ? std::nullopt : crack_of(effects_, h);
 }
 
 // Where the parted body is after play_all(), which left the whole one's positions in base_.
 TrajectoryReport Trajectory::play_parted(const Hypothesis& h, const Crack& crack, std::span<double> markers_m,
                                          std::span<double> points_m, std::span<double> nodes_m) {
-    const std::size_t first = first_parted(crack), F = num_frames();
+    const std::size_t first = first_parted(player_->times(), crack), F = num_frames();
     if (first == F) return {};
-    const auto count = static_cast<std::int32_t>(F - first);
-    PartedBody* parted = parted_by(crack);
-    if (parted == nullptr) return {count, 0, 1.0};
+    PartedBody* parted = parted_.by(case_, settings_, crack);
+    if (parted == nullptr) return none_of(F - first);
     std::vector<std::int32_t> frames(F - first);
     std::iota(frames.begin(), frames.end(), static_cast<std::int32_t>(first));
     std::vector<double> unseen(markers_m.empty() ? frames.size() * 3 * num_markers() : 0);
@@ -250,7 +222,7 @@ TrajectoryReport Trajectory::approximate(const Hypothesis& h, std::span<double> 
     const std::size_t dofs = 3 * model.num_nodes(), F = num_frames();
     const auto rows = static_cast<Eigen::Index>(3 * num_markers()), frames = static_cast<Eigen::Index>(F);
     if (player_->scene().dynamic) return move_in_subspace(h, markers_m);
-    if (F <= kFewFrames || crack_of(h) || (base_->x.empty() && whole_->x.empty()))
+    if (F <= kFewFrames || how_parted(h) || (base_->x.empty() && whole_->x.empty()))
         return simulate(h, markers_m, {}, {});
     const std::shared_ptr<const BaseTrajectory> before = base_;
     if (!whole_->x.empty()) base_ = std::exchange(whole_, std::make_shared<BaseTrajectory>());
@@ -567,56 +539,45 @@ bool Trajectory::effect_forces(std::size_t which, std::span<double> rms_n) const
     return true;
 }
 
+// Where the body was at all frames at the last trajectory, if it was at all.
+std::span<const VectorXd> Trajectory::whole_positions() const {
+    return base_->x.size() == num_frames() ? std::span<const VectorXd>(base_->x) : std::span<const VectorXd>();
+}
+
 TrajectoryReport Trajectory::simulate_variant(std::size_t index, const Hypothesis& h,
                                               std::span<const std::int32_t> frames, std::span<double> markers_m,
                                               std::span<double> points_m) noexcept {
-    std::span<const VectorXd> nominal;
-    if (base_->x.size() == num_frames()) nominal = base_->x;
-    const std::optional<Crack> crack = crack_of(h);
-    const std::size_t first = crack ? first_parted(*crack) : num_frames();
-    const auto before = static_cast<std::size_t>(
-        std::lower_bound(frames.begin(), frames.end(), static_cast<std::int32_t>(first)) - frames.begin());
-    const std::size_t row = 3 * num_markers(), points = points_m.empty() ? 0 : 3 * num_points();
-    TrajectoryReport report{};
-    if (before > 0)
-        report = play_variant(variants_[index], case_, settings_, h, frames.first(before), nominal,
-                              markers_m.first(before * row), points_m.first(before * points));
-    if (before == frames.size()) return report;
-    // Others may ask at once: nothing of this one is changed.
-    const auto parted = PartedBody::make(case_, settings_, *crack);
-    TrajectoryReport rest{static_cast<std::int32_t>(frames.size() - before), 0, 1.0};
-    const std::span<double> markers_after = markers_m.subspan(before * row),
-                            points_after = points_m.subspan(before * points);
-    if (parted != nullptr) {
-        std::vector<VectorXd> doubled;
-        for (const VectorXd& x : nominal) doubled.push_back(parted->doubled(x));
-        rest = play_variant(variants_[index], parted->data(), settings_, h, frames.subspan(before), doubled,
-                            markers_after, points_after);
-    } else {
-        for (const auto& out : {markers_after, points_after})
+    const ModelVariant& variant = variants_[index];
+    const auto whole = [&](auto some, auto markers, auto points) {
+        return play_variant(variant, case_, settings_, h, some, whole_positions(), markers, points);
+    };
+    const std::optional<Crack> crack = how_parted(h);
+    if (!crack) return whole(frames, markers_m, points_m);
+    const auto parted = [&](auto some, auto markers, auto points) {
+        const auto body = PartedBody::make(case_, settings_, *crack);  // others may ask at once: parted_ stays
+        if (body != nullptr)
+            return play_variant(variant, body->data(), settings_, h, some, body->doubled(whole_positions()), markers,
+                                points);
+        for (const auto& out : {markers, points})
             std::fill(out.begin(), out.end(), std::numeric_limits<double>::quiet_NaN());
-    }
-    return both(report, rest);
+        return none_of(some.size());
+    };
+    return play_in_two(frames, first_parted(player_->times(), *crack), markers_m, points_m, whole, parted);
 }
 
 TrajectoryReport Trajectory::simulate_at(const Hypothesis& h, std::span<const std::int32_t> frames,
                                          std::span<double> markers_m) noexcept {
-    const std::optional<Crack> crack = crack_of(h);
-    const std::size_t first = crack ? first_parted(*crack) : num_frames();
-    const auto before = static_cast<std::size_t>(
-        std::lower_bound(frames.begin(), frames.end(), static_cast<std::int32_t>(first)) - frames.begin());
-    const std::size_t row = 3 * num_markers();
-    TrajectoryReport report{};
-    if (before > 0)
-        report = player_->play_markers(h, effects_, frames.first(before), markers_m.first(before * row), {}, {},
-                                       !player_->scene().dynamic);
-    if (before == frames.size()) return report;
-    TrajectoryReport rest{static_cast<std::int32_t>(frames.size() - before), 0, 1.0};
-    std::span<const VectorXd> whole;
-    if (base_->x.size() == num_frames()) whole = base_->x;
-    if (PartedBody* parted = parted_by(*crack))
-        rest = parted->play(h, effects_, frames.subspan(before), whole, markers_m.subspan(before * row), {}, {}, true);
-    return both(report, rest);
+    const auto whole = [&](auto some, auto markers, auto) {
+        return player_->play_markers(h, effects_, some, markers, {}, {}, !dynamic());
+    };
+    const std::optional<Crack> crack = how_parted(h);
+    if (!crack) return whole(frames, markers_m, 0);
+    const auto parted = [&](auto some, auto markers, auto) {
+        PartedBody* body = parted_.by(case_, settings_, *crack);
+        if (body == nullptr) return none_of(some.size());
+        return body->play(h, effects_, some, whole_positions(), markers, {}, {}, true);
+    };
+    return play_in_two(frames, first_parted(player_->times(), *crack), markers_m, {}, whole, parted);
 }
 
 }  // namespace teres

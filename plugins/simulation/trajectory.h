@@ -84,9 +84,8 @@ class Trajectory final : public TrajectoryModel {
     TrajectoryReport play_frames(const Hypothesis& h, std::span<const std::int32_t> frames,
                                  const std::vector<Eigen::VectorXd>& before, const ScenePlayer::Visitor& visit);
     TrajectoryReport move_in_subspace(const Hypothesis& h, std::span<double> markers_m);
-    std::optional<Crack> crack_of(const Hypothesis& h) const;
-    PartedBody* parted_by(const Crack& crack);
-    std::size_t first_parted(const Crack& crack) const;
+    std::optional<Crack> how_parted(const Hypothesis& h) const;
+    std::span<const Eigen::VectorXd> whole_positions() const;
     TrajectoryReport play_parted(const Hypothesis& h, const Crack& crack, std::span<double> markers_m,
                                  std::span<double> points_m, std::span<double> nodes_m);
     Eigen::MatrixXd motions_under(const Hypothesis& h) const;
@@ -109,8 +108,7 @@ class Trajectory final : public TrajectoryModel {
     std::unique_ptr<Trajectory> twin_;
     std::size_t horizon_ = 0;
     std::vector<std::unique_ptr<Effect>> effects_;
-    std::unique_ptr<PartedBody> parted_;  // by the crack that was asked for last; null: it parts nothing
-    std::optional<Crack> parted_crack_;
+    PartedBodies parted_;
     std::vector<ModelVariant> variants_;
     // Never null; a base's frames are made on first use. The twin may look at it as well.
     std::shared_ptr<BaseTrajectory> base_ = std::make_shared<BaseTrajectory>();
