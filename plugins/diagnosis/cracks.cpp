@@ -27,16 +27,9 @@ constexpr int kMoves = 4;
 constexpr std::size_t kTrialFrames = 3;  // after the instant
 constexpr double kNone = std::numeric_limits<double>::infinity();
 
-constexpr std::size_t kNoParameter = static_cast<std::size_t>(-1);
-std::size_t parameter_of(const EffectEntry& entry, std::string_view name) {
-    for (std::size_t p = 0; p < entry.parameters.size(); ++p)
-        if (name == entry.parameters[p].name) return p;
-    return kNoParameter;
-}
-
 bool can_part(const EffectEntry& entry) {
-    return entry.parts() && parameter_of(entry, "normal_x") != kNoParameter &&
-           parameter_of(entry, "radius") != kNoParameter && parameter_of(entry, "onset") != kNoParameter;
+    return entry.parts() && parameter_of(entry, "normal_x") && parameter_of(entry, "radius") &&
+           parameter_of(entry, "onset") && parameter_of(entry, "duration");
 }
 
 // The way from a place to the point of the surface next to it, by nodes; any where it lies on one.
@@ -66,8 +59,7 @@ class Trial {
     Trial(Problem& problem, const Fit& fitted) : problem_(problem), at_(fitted.at) {
         const EffectEntry& entry = entry_();
         const ActiveEffect& cut = at_.effects.back();
-        const std::size_t onset = parameter_of(entry, "onset"), duration = parameter_of(entry, "duration");
-        const double done_s = cut.values[onset] + (duration != kNoParameter ? cut.values[duration] : 0.0);
+        const double done_s = *value_of(entry, cut, "onset") + *value_of(entry, cut, "duration");
         const std::vector<double>& times = problem.simulator.times_s();
         const auto end = static_cast<std::int32_t>(problem.recording.first_held_frame);
         auto first = static_cast<std::int32_t>(std::upper_bound(times.begin(), times.end(), done_s) - times.begin());
@@ -169,7 +161,7 @@ const Cause* may_be_crack(const Problem& problem, std::vector<Cause>& causes) {
 
 ActiveEffect with_crack(const EffectEntry& entry, ActiveEffect cut, const CrackPlane& plane) {
     const auto set = [&](std::string_view name, double value) {
-        const std::size_t p = parameter_of(entry, name);
+        const std::size_t p = *parameter_of(entry, name);
         const EffectParameter& parameter = entry.parameters[p];
         cut.values[p] = std::clamp(value, parameter.lower, parameter.upper);
     };
@@ -204,7 +196,7 @@ std::vector<CrackPlane> planes_near(const TrajectoryModel& model, const EffectTa
     add(by_distance, kPlaces);
     add(by_gain, kByGain);
 
-    const double usual = std::exp(entry.parameters[parameter_of(entry, "radius")].prior_mean);
+    const double usual = std::exp(entry.parameters[*parameter_of(entry, "radius")].prior_mean);
     std::vector<CrackPlane> planes;
     for (const Vector3d& place : places) {
         const Vector3d way = way_out(model, place), side = way.unitOrthogonal(), up = way.cross(side);
@@ -276,9 +268,7 @@ bool crack_is_far_ahead(const EffectTable& effects, const std::vector<Cause>& by
     if (!best.fit.usable || best.entries.size() > 1) return false;
     const EffectEntry& entry = effects[best.entries.front()];
     if (!can_part(entry)) return false;
-    const ActiveEffect& cut = best.fit.at.effects.front();
-    const auto along = [&](const char* axis) { return *value_of(entry, cut, axis); };
-    const bool parted = Vector3d(along("normal_x"), along("normal_y"), along("normal_z")).norm() > 0.0;
+    const bool parted = vector_of(entry, best.fit.at.effects.front(), "normal")->norm() > 0.0;
     return parted && (by_score.size() == 1 || by_score[1].score < best.score - kOutOfReach);
 }
 

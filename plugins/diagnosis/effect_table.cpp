@@ -28,17 +28,27 @@ bool EffectEntry::exact_form() const {
                                    [](const auto& p) { return p.role == EffectRole::kShape; }));
 }
 
-const double* value_of(const EffectEntry& entry, const ActiveEffect& effect, std::string_view name) {
+std::optional<std::size_t> parameter_of(const EffectEntry& entry, std::string_view name) {
     for (std::size_t p = 0; p < entry.parameters.size(); ++p)
-        if (name == entry.parameters[p].name) return &effect.values[p];
-    return nullptr;
+        if (name == entry.parameters[p].name) return p;
+    return std::nullopt;
+}
+
+const double* value_of(const EffectEntry& entry, const ActiveEffect& effect, std::string_view name) {
+    const auto p = parameter_of(entry, name);
+    return p ? &effect.values[*p] : nullptr;
+}
+
+std::optional<Eigen::Vector3d> vector_of(const EffectEntry& entry, const ActiveEffect& effect,
+                                         const std::string& name) {
+    const double *x = value_of(entry, effect, name + "_x"), *y = value_of(entry, effect, name + "_y"),
+                 *z = value_of(entry, effect, name + "_z");
+    if (x == nullptr || y == nullptr || z == nullptr) return std::nullopt;
+    return Eigen::Vector3d(*x, *y, *z);
 }
 
 std::optional<Eigen::Vector3d> centre_of(const EffectEntry& entry, const ActiveEffect& effect) {
-    const double *x = value_of(entry, effect, "center_x"), *y = value_of(entry, effect, "center_y"),
-                 *z = value_of(entry, effect, "center_z");
-    if (x == nullptr || y == nullptr || z == nullptr) return std::nullopt;
-    return Eigen::Vector3d(*x, *y, *z);
+    return vector_of(entry, effect, "center");
 }
 
 double at_share(const EffectParameter& parameter, double candidate, double share) {

@@ -46,8 +46,12 @@ struct ActiveEffect {
     bool operator==(const ActiveEffect&) const = default;
 };
 
+/// Index of a parameter by its name.
+std::optional<std::size_t> parameter_of(const EffectEntry& entry, std::string_view name);
 /// Value of a parameter by its name, or null.
 const double* value_of(const EffectEntry& entry, const ActiveEffect& effect, std::string_view name);
+/// Parameters <name>_x, _y, _z; nothing if it has none of these.
+std::optional<Eigen::Vector3d> vector_of(const EffectEntry& entry, const ActiveEffect& effect, const std::string& name);
 /// (center_x, center_y, center_z) [m, body frame]; nothing if the effect has no place.
 std::optional<Eigen::Vector3d> centre_of(const EffectEntry& entry, const ActiveEffect& effect);
 

@@ -18,18 +18,6 @@ constexpr double kOtherCourse = 0.3;   // prior standard deviations of an instan
 constexpr double kLineStep = 0.25;     // of `apart_m`, along a line of action
 constexpr double kMostSteps = 1000.0;  // to either side
 
-// Parameters <name>_x, _y, _z.
-std::optional<Eigen::Vector3d> vector_of(const EffectEntry& entry, const ActiveEffect& effect,
-                                         const std::string& name) {
-    Eigen::Vector3d out;
-    for (Eigen::Index a = 0; a < 3; ++a) {
-        const double* value = value_of(entry, effect, name + "_" + "xyz"[a]);
-        if (value == nullptr) return std::nullopt;
-        out(a) = *value;
-    }
-    return out;
-}
-
 // Direction of a force; of one that swings as cos and sin of its phase, the axis of its larger swing. Nothing for what
 // is no force.
 std::optional<Eigen::Vector3d> line_of_action(const EffectEntry& entry, const ActiveEffect& effect) {

@@ -50,15 +50,9 @@ struct Instant {
     std::size_t onset, duration;
 };
 std::optional<Instant> instant_of(const EffectEntry& entry) {
-    const auto named = [&](std::string_view name) {
-        return static_cast<std::size_t>(
-            std::find_if(entry.parameters.begin(), entry.parameters.end(),
-                         [&](const EffectParameter& p) { return std::string_view(p.name) == name; }) -
-            entry.parameters.begin());
-    };
-    const Instant at{named("onset"), named("duration")};
-    const bool both = at.onset < entry.parameters.size() && at.duration < entry.parameters.size();
-    return entry.info.event && both ? std::optional(at) : std::nullopt;
+    const auto onset = parameter_of(entry, "onset"), duration = parameter_of(entry, "duration");
+    if (!entry.info.event || !onset || !duration) return std::nullopt;
+    return Instant{*onset, *duration};
 }
 
 // Without inertia a body at an event is at each frame what it is before or after it: simulated once before and once
