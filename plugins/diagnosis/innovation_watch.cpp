@@ -6,10 +6,12 @@
 namespace teres {
 namespace {
 
-constexpr double kOvershoot = 1.166;   // Siegmund's correction for discrete time
-constexpr double kStrong = 0.5;        // a marker takes part if its statistic is above this share of the bound
+constexpr double kOvershoot = 1.166;  // Siegmund's correction for discrete time
+constexpr double kAlone = 0.6;  // a marker that makes this share of all markers' shift slipped; the body did not move
 constexpr double kRigidSpread = 0.35;  // shifts of all markers alike within this share: the camera moved, not the body
-constexpr double kSmoothing = 0.25;    // of the level that tells who is shifted, and how
+constexpr double kSmoothing = 0.25;    // of the level that tells who is shifted, and how, and ...
+constexpr double kLevelNoise = kSmoothing / (2.0 - kSmoothing);  // ... the variance of that level of white numbers
+constexpr double kDoubt = 2.0;  // standard errors by which the correlation is taken to be larger than it looks
 constexpr double kMaxCorrelation = 0.95;
 constexpr double kLeastSpread = 1e-3;   // variance of e
 constexpr double kMostOfBound = 0.6;    // of the bound, by one frame of all markers together: never one alone, ...
@@ -56,7 +58,12 @@ void InnovationWatch::feed(Channel& c, double e, std::int64_t stamp_us, bool lea
         c.up_since_us = c.down_since_us = stamp_us;
         return;
     }
-    const double phi = std::clamp(c.variance > 0.0 ? c.covariance / c.variance : 0.0, 0.0, kMaxCorrelation);
+    // n numbers underestimate the correlation by (1 + 3 phi) / n (Marriott & Pope 1954), and miss it by
+    // sqrt((1 - phi^2) / n): what is left of it in z would make short beginnings alarm.
+    const double n = std::max(1.0, static_cast<double>(c.count));
+    const double seen = std::clamp(c.variance > 0.0 ? c.covariance / c.variance : 0.0, 0.0, kMaxCorrelation);
+    const double phi =
+        std::min(seen + (1.0 + 3.0 * seen) / n + kDoubt * std::sqrt((1.0 - seen * seen) / n), kMaxCorrelation);
     const double innovation = (e - c.mean) - phi * (c.previous - c.mean);
     // A recording so far calmer than the filter expects (e of variance 1) promises nothing.
     const double spread = std::sqrt(std::max(c.variance_z, 1.0 - phi * phi));
@@ -99,7 +106,8 @@ void InnovationWatch::feed_all(double sum_of_squares, int count, std::int64_t st
     if (state_.alarm || c.up > 0.0) return;
     if (c.count == 0) c.mean = w;
     const double memory = std::max(1.0, options_.forgetting_s / std::max(period_s_, 1e-3));
-    const double weight = 1.0 / std::min(static_cast<double>(++c.count) + 1.0, memory), d = w - c.mean;
+    const double weight = 1.0 / std::min(static_cast<double>(++c.count) + 1.0, memory);
+    const double wild = options_.clip * std::sqrt(c.variance), d = std::clamp(w - c.mean, -wild, wild);
     c.mean += weight * d;
     c.variance += weight * (d * d - c.variance);
 }
@@ -166,25 +174,26 @@ void InnovationWatch::judge(std::int64_t stamp_us) noexcept {
     state_.alarm = true;
     alarm_us_ = stamp_us;
     state_.onset_us = worst->up > worst->down ? worst->up_since_us : worst->down_since_us;
-    // One marker alone, or all shifted alike: the sensor. Several in different ways: the body.
-    std::size_t strong = 0;
-    double mean[3] = {0.0, 0.0, 0.0}, square = 0.0, scatter = 0.0;
+    // One marker makes the shift, or all shifted alike: the sensor. Several in different ways: the body.
+    double mean[3] = {0.0, 0.0, 0.0}, square = 0.0, scatter = 0.0, largest = 0.0, total = 0.0;
     for (std::size_t m = 0; m < markers_; ++m) {
-        strong += state_.marker_statistic[m] > kStrong * state_.bound ? 1 : 0;
-        double shift = 0.0;
+        double shift = 0.0, beyond_noise = 0.0;
         for (std::size_t a = 0; a < 3; ++a) {
             const Channel& c = channels_[3 * m + a];
             const double d = level_[3 * m + a] - c.mean;
             mean[a] += d / static_cast<double>(markers_);
             shift += d * d;
-            scatter += kSmoothing / (2.0 - kSmoothing) * c.variance / static_cast<double>(markers_);
+            beyond_noise += d * d / std::max(c.variance, kLeastSpread) - kLevelNoise;
+            scatter += kLevelNoise * c.variance / static_cast<double>(markers_);
         }
         square += shift / static_cast<double>(markers_);
+        total += std::max(beyond_noise, 0.0);
+        largest = std::max(largest, beyond_noise);
         state_.marker_shift[m] = std::sqrt(shift / 3.0);
     }
     const double common = mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2];
-    const bool alike = square > 0.0 && square - common < kRigidSpread * kRigidSpread * square + 1.5 * scatter;
-    state_.kind = strong <= 1 || (alike && 2 * strong > markers_) ? GapKind::kSensor : GapKind::kMechanics;
+    const bool alike = 2.0 * common > square && square - common < kRigidSpread * kRigidSpread * square + 1.5 * scatter;
+    state_.kind = alike || largest > kAlone * total ? GapKind::kSensor : GapKind::kMechanics;
 }
 
 }  // namespace teres

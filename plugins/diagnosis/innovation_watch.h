@@ -3,6 +3,7 @@
 //
 //     e   = d / sigma                       innovation of a marker axis (and of the mean over markers: common modes)
 //     z_t = (e_t - phi e_{t-1} - m) / s     whitened: structured model error is correlated in time; m, s, phi learnt,
+//                                           phi by two standard errors too large;
 //                                           s^2 >= 1 - phi^2: no less than the filter expects of e (variance 1)
 //     g+  = max(0, g+ + clip(z) - k),  g- = max(0, g- - clip(z) - k)          CUSUM, both directions
 //     q   = mean of min(|e|, clip)^2 over all n axes seen: what moves many markers, each its own way, in one jump
@@ -24,8 +25,8 @@ namespace teres {
 struct InnovationWatchOptions {
     double false_alarm_period_s = 7200.0;  ///< twice the promised hour: z is not exactly Gaussian
     double drift = 1.75;                   ///< k, half the smallest shift looked for, in standard deviations
-    double drift_all = 3.0;                ///< k_all: the same of all markers together, only for what is gross
-    double learning_s = 5.0;               ///< no alarm before; level, spread and correlation are learnt
+    double drift_all = 2.5;                ///< k_all: the same of all markers together, only for what is gross
+    double learning_s = 3.0;               ///< no alarm before; level, spread and correlation are learnt
     double forgetting_s = 60.0;            ///< level and spread follow slow changes
     double clip = 2.75;                    ///< wild values are no shift: four at least, of one direction
     double hold_s = 5.0;                   ///< an alarm stands so long, then the new state is learnt

@@ -11,7 +11,7 @@ struct DiagnosisSettings {
     double work_limit_s = 600.0;
     double work_limit_dynamic_s = 3600.0;
     double false_alarm_period_s = 7200.0;
-    double learning_s = 5.0;
+    double learning_s = 3.0;
     double forgetting_s = 60.0;
     double hold_s = 5.0;
 

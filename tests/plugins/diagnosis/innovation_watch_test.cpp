@@ -64,6 +64,18 @@ TEST(InnovationWatch, AtMostOneFalseAlarmAnHour) {
     EXPECT_LE(false_alarms(Stream(5, 0.0, true), 4.0, 5.0), 4) << "five frames a second, heavy tails";
 }
 
+// What few frames say of the spread and the correlation is itself off: each start counts as much as the hour after it.
+TEST(InnovationWatch, StartsRaiseNoMoreFalseAlarmsThanTheHoursAfterThem) {
+    const auto alarms_in_five_hours_of_starts = [](double correlation) {
+        int count = 0;
+        for (unsigned start = 1; start <= 300; ++start)
+            count += false_alarms(Stream(start, correlation), 1.0 / 60.0, 5.0);
+        return count;
+    };
+    EXPECT_LE(alarms_in_five_hours_of_starts(0.0), 1);
+    EXPECT_LE(alarms_in_five_hours_of_starts(0.7), 5);
+}
+
 struct Event {
     double delay_s;
     GapKind kind;
@@ -108,6 +120,19 @@ TEST(InnovationWatch, MovedCameraIsSensorMovedBodyIsMechanics) {
         mechanics += body.kind == GapKind::kMechanics ? 1 : 0;
     }
     EXPECT_GE(sensor, 18);
+    EXPECT_GE(mechanics, 18);
+}
+
+// A push that many markers feel a little, none of them much: seen by all of them together, and yet the body.
+TEST(InnovationWatch, ABodyThatMovesALittleEverywhereIsMechanics) {
+    int mechanics = 0;
+    for (unsigned seed = 1; seed <= 20; ++seed) {
+        const Event push = event(seed, [](std::size_t m, std::size_t a) {
+            return 3.2 * std::cos(1.3 * static_cast<double>(m) + 2.0 * static_cast<double>(a));
+        });
+        EXPECT_LT(push.delay_s, 1.5) << seed;
+        mechanics += push.kind == GapKind::kMechanics ? 1 : 0;
+    }
     EXPECT_GE(mechanics, 18);
 }
 
@@ -163,12 +188,12 @@ TEST(InnovationWatch, ACalmBeginningPromisesNothing) {
 TEST(InnovationWatch, OnsetIsNotBeforeTheLevelWasLearnt) {
     Stream stream(11);
     InnovationWatch watch(kMarkers, {});
-    const int learnt = static_cast<int>(5.0 * kRate);  // the first frame after it
+    const int learnt = static_cast<int>(InnovationWatchOptions{}.learning_s * kRate);  // the first frame after it
     for (int f = 0; f < learnt + 60 && !watch.state().alarm; ++f)
         watch.update(stamp(f),
                      stream.next([&](std::size_t m, std::size_t) { return m == 3 && f >= learnt ? 9.0 : 0.0; }));
     ASSERT_TRUE(watch.state().alarm);
-    EXPECT_NEAR(1e-6 * static_cast<double>(watch.state().onset_us), 5.0, 0.2);
+    EXPECT_NEAR(1e-6 * static_cast<double>(watch.state().onset_us), InnovationWatchOptions{}.learning_s, 0.2);
 }
 
 TEST(InnovationWatch, LostMarkersAndStrayStampsDoNoHarm) {
