@@ -209,6 +209,9 @@ TEST(BlindtestCommand, MergesShards) {
     ASSERT_EQ(once.exit_code, 0) << once.error;
     EXPECT_EQ(merged.output, once.output);
     EXPECT_THAT(merged.output, ::testing::HasSubstr("33 % (1 of 3) / 67 % (2 of 3)"));
+    for (const char* row : {"| `pressure` | 1 | 0 | 1 | 1 | - | 1 gravity |", "| `none` | 2 | 1 | 1 stiffness |",
+                            "| `gravity+latency` | 1 | 1 |  |", "| 90 to 100 % | 3 | 92 % | 100 % (3 of 3) |"})
+        EXPECT_THAT(merged.output, ::testing::HasSubstr(row));
     for (const char* picture : {"confusion.png", "reliability.png", "effects.png"})
         EXPECT_GT(fs::file_size(scratch.path() / "plots" / picture), 1000u) << picture;
     EXPECT_EQ(test::run_teres({"blindtest", "merge"}).exit_code, 2);

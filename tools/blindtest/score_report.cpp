@@ -24,6 +24,14 @@ std::string value(double x, const char* format, const char* unit) {
     return std::isfinite(x) ? fmt::format(fmt::runtime(format), x) + unit : "-";
 }
 
+// What was answered but for `truth`, with how often.
+std::string answers_but(const std::map<std::string, int>& row, const std::string& truth) {
+    std::string text;
+    for (const auto& [answer, count] : row)
+        if (answer != truth) text += fmt::format("{}{} {}", text.empty() ? "" : ", ", count, answer);
+    return text;
+}
+
 Status save_confusion(const Summary& s, const std::filesystem::path& file) {
     std::set<std::string> named;
     for (const auto& [truth, row] : s.confusion)
@@ -109,12 +117,28 @@ std::string report_text(const Summary& s) {
         "\n| effect | visible | top-1 | top-3 | family | place, median | answered instead "
         "|\n|---|---|---|---|---|---|---|\n";
     for (const auto& [id, row] : s.effects) {
-        std::string instead;
-        if (const auto found = s.confusion.find(id); found != s.confusion.end())
-            for (const auto& [answer, count] : found->second)
-                if (answer != id) instead += fmt::format("{}{} {}", instead.empty() ? "" : ", ", count, answer);
+        const auto found = s.confusion.find(id);
         text += fmt::format("| `{}` | {} | {} | {} | {} | {} | {} |\n", id, row.visible, row.top1.right, row.top3.right,
-                            row.family.right, value(median(row.place_mm), "{:.0f}", " mm"), instead);
+                            row.family.right, value(median(row.place_mm), "{:.0f}", " mm"),
+                            found != s.confusion.end() ? answers_but(found->second, id) : "");
+    }
+    text +=
+        "\n| control, or two causes of which one shows at least | cases | answered so | answered instead "
+        "|\n|---|---|---|---|\n";
+    for (const auto& [truth, row] : s.confusion) {
+        if (s.effects.contains(truth)) continue;
+        const auto right = row.find(truth);
+        int cases = 0;
+        for (const auto& [answer, count] : row) cases += count;
+        text += fmt::format("| `{}` | {} | {} | {} |\n", truth, cases, right == row.end() ? 0 : right->second,
+                            answers_but(row, truth));
+    }
+    text += "\n| stated probability | answers | stated, mean | right |\n|---|---|---|---|\n";
+    for (std::size_t b = 0; b < s.reliability.size(); ++b) {
+        const ReliabilityBin& bin = s.reliability[b];
+        if (bin.right.of > 0)
+            text += fmt::format("| {} to {} % | {} | {:.0f} % | {} |\n", 10 * b, 10 * (b + 1), bin.right.of,
+                                100.0 * bin.mean_probability, share(bin.right));
     }
     return text;
 }
