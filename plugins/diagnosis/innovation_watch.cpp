@@ -22,6 +22,12 @@ double run_length(double k, double h) {
     return (std::exp(b) - b - 1.0) / (2.0 * k * k);
 }
 
+// The mean of `count` squares of N(0,1), as N(0,1) itself (Wilson & Hilferty 1931).
+double as_normal(double mean_square, int count) {
+    const double variance = 2.0 / (9.0 * count);
+    return (std::cbrt(mean_square) - 1.0 + variance) / std::sqrt(variance);
+}
+
 }  // namespace
 
 double cusum_bound(double drift, double rate_hz, double false_alarm_period_s, std::size_t channels) {
@@ -42,11 +48,12 @@ InnovationWatch::InnovationWatch(std::size_t markers, const InnovationWatchOptio
 
 void InnovationWatch::restart() noexcept {
     for (Channel& c : channels_) c.up = c.down = 0.0;
-    all_.up = 0.0;
+    all_.up = standing_.up = 0.0;
     std::fill(state_.marker_shift.begin(), state_.marker_shift.end(), 0.0);
     state_.alarm = false;
     state_.kind = GapKind::kNone;
     state_.onset_us = 0;
+    from_the_start_ = false;
     first_us_ = last_us_;
     frames_ = 0;
 }
@@ -94,14 +101,23 @@ void InnovationWatch::feed(Channel& c, double e, std::int64_t stamp_us, bool lea
     c.previous = e;
 }
 
-void InnovationWatch::feed_all(double sum_of_squares, int count, std::int64_t stamp_us, bool learning) noexcept {
+double InnovationWatch::most_of_one_frame() const {
+    return std::min(kMostOfBound, kMostPerSecond * period_s_) * state_.bound;
+}
+
+void InnovationWatch::feed_standing(double squares, int count, std::int64_t stamp_us) noexcept {
     if (count == 0) return;
-    const double variance = 2.0 / (9.0 * count), q = sum_of_squares / count;
-    const double w = (std::cbrt(q) - 1.0 + variance) / std::sqrt(variance);
+    const double step = std::min(as_normal(squares / count, count) - options_.drift_all, most_of_one_frame());
+    standing_.up = std::max(0.0, standing_.up + step);
+    if (standing_.up == 0.0) standing_.up_since_us = stamp_us;
+}
+
+void InnovationWatch::feed_all(double squares, int count, std::int64_t stamp_us, bool learning) noexcept {
+    if (count == 0) return;
+    const double w = as_normal(squares / count, count);
     Channel& c = all_;
     const double z = (w - std::max(c.mean, 0.0)) / std::sqrt(std::max(c.variance, 1.0));
-    const double most = std::min(kMostOfBound, kMostPerSecond * period_s_) * state_.bound;
-    if (!learning) c.up = std::max(0.0, c.up + std::min(z - options_.drift_all, most));
+    if (!learning) c.up = std::max(0.0, c.up + std::min(z - options_.drift_all, most_of_one_frame()));
     if (c.up == 0.0) c.up_since_us = stamp_us;
     if (state_.alarm || c.up > 0.0) return;
     if (c.count == 0) c.mean = w;
@@ -126,7 +142,7 @@ const GapState& InnovationWatch::update(std::int64_t stamp_us, std::span<const M
     if (period_s_ > 0.0)
         state_.bound = cusum_bound(options_.drift, 1.0 / period_s_, options_.false_alarm_period_s, channels_.size());
 
-    double common[3] = {0.0, 0.0, 0.0}, squares = 0.0;
+    double common[3] = {0.0, 0.0, 0.0}, squares = 0.0, tolerant_squares = 0.0;
     int seen = 0, axes = 0;
     for (std::size_t m = 0; m < markers_; ++m) {
         const MarkerInnovation& marker = markers[m];
@@ -138,6 +154,7 @@ const GapState& InnovationWatch::update(std::int64_t stamp_us, std::span<const M
             level_[3 * m + a] += kSmoothing * (e - level_[3 * m + a]);
             common[a] += e;
             squares += std::pow(std::min(std::abs(e), options_.clip), 2);
+            tolerant_squares += std::pow(std::min(std::abs(e) / options_.tolerance, options_.clip), 2);
             ++axes;
             feed(channels_[3 * m + a], e, stamp_us, learning);
         }
@@ -145,6 +162,7 @@ const GapState& InnovationWatch::update(std::int64_t stamp_us, std::span<const M
     for (std::size_t a = 0; a < 3 && seen > 0; ++a)
         feed(channels_[3 * markers_ + a], common[a] / std::sqrt(static_cast<double>(seen)), stamp_us, learning);
     feed_all(squares, axes, stamp_us, learning);
+    feed_standing(tolerant_squares, axes, stamp_us);
     judge(stamp_us);
     return state_;
 }
@@ -154,16 +172,16 @@ void InnovationWatch::judge(std::int64_t stamp_us) noexcept {
     for (const Channel& c : channels_)
         if (c.statistic() > worst->statistic()) worst = &c;
     if (all_.up > worst->statistic()) worst = &all_;
+    if (standing_.up > worst->statistic()) worst = &standing_;
     state_.statistic = worst->statistic();
     for (std::size_t m = 0; m < markers_; ++m) {
-        double statistic = 0.0, shift = 0.0;
-        for (std::size_t a = 0; a < 3; ++a) {
-            const Channel& c = channels_[3 * m + a];
-            statistic = std::max(statistic, c.statistic());
-            shift += (level_[3 * m + a] - c.mean) * (level_[3 * m + a] - c.mean) / std::max(c.variance, kLeastSpread);
+        double statistic = 0.0, square = 0.0;
+        for (std::size_t k = 3 * m; k < 3 * m + 3; ++k) {
+            statistic = std::max(statistic, channels_[k].statistic());
+            square += std::pow(shift(k), 2) / spread_squared(k);
         }
         state_.marker_statistic[m] = statistic;
-        if (state_.alarm) state_.marker_shift[m] += 0.2 * (std::sqrt(shift / 3.0) - state_.marker_shift[m]);
+        if (state_.alarm) state_.marker_shift[m] += 0.2 * (std::sqrt(square / 3.0) - state_.marker_shift[m]);
     }
     if (state_.alarm) {
         if (1e-6 * static_cast<double>(stamp_us - alarm_us_) > options_.hold_s) restart();
@@ -174,26 +192,38 @@ void InnovationWatch::judge(std::int64_t stamp_us) noexcept {
     state_.alarm = true;
     alarm_us_ = stamp_us;
     state_.onset_us = worst->up > worst->down ? worst->up_since_us : worst->down_since_us;
-    // One marker makes the shift, or all shifted alike: the sensor. Several in different ways: the body.
+    from_the_start_ = worst == &standing_;
+    state_.kind = kind_of_shift();
+}
+
+double InnovationWatch::shift(std::size_t k) const {
+    return level_[k] - (from_the_start_ ? 0.0 : channels_[k].mean);
+}
+
+double InnovationWatch::spread_squared(std::size_t k) const {
+    return from_the_start_ ? options_.tolerance * options_.tolerance : std::max(channels_[k].variance, kLeastSpread);
+}
+
+// One marker makes the shift, or all shifted alike: the sensor. Several in different ways: the body.
+GapKind InnovationWatch::kind_of_shift() noexcept {
     double mean[3] = {0.0, 0.0, 0.0}, square = 0.0, scatter = 0.0, largest = 0.0, total = 0.0;
     for (std::size_t m = 0; m < markers_; ++m) {
-        double shift = 0.0, beyond_noise = 0.0;
+        double own = 0.0, beyond_noise = 0.0;
         for (std::size_t a = 0; a < 3; ++a) {
-            const Channel& c = channels_[3 * m + a];
-            const double d = level_[3 * m + a] - c.mean;
+            const double d = shift(3 * m + a), spread = spread_squared(3 * m + a);
             mean[a] += d / static_cast<double>(markers_);
-            shift += d * d;
-            beyond_noise += d * d / std::max(c.variance, kLeastSpread) - kLevelNoise;
-            scatter += kLevelNoise * c.variance / static_cast<double>(markers_);
+            own += d * d;
+            beyond_noise += d * d / spread - kLevelNoise;
+            scatter += kLevelNoise * spread / static_cast<double>(markers_);
         }
-        square += shift / static_cast<double>(markers_);
+        square += own / static_cast<double>(markers_);
         total += std::max(beyond_noise, 0.0);
         largest = std::max(largest, beyond_noise);
-        state_.marker_shift[m] = std::sqrt(shift / 3.0);
+        state_.marker_shift[m] = std::sqrt(own / 3.0);
     }
     const double common = mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2];
     const bool alike = 2.0 * common > square && square - common < kRigidSpread * kRigidSpread * square + 1.5 * scatter;
-    state_.kind = alike || largest > kAlone * total ? GapKind::kSensor : GapKind::kMechanics;
+    return alike || largest > kAlone * total ? GapKind::kSensor : GapKind::kMechanics;
 }
 
 }  // namespace teres

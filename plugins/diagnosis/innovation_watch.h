@@ -9,6 +9,7 @@
 //     q   = mean of min(|e|, clip)^2 over all n axes seen: what moves many markers, each its own way, in one jump
 //     w   = (q^{1/3} - 1 + 2/(9 n)) / sqrt(2/(9 n))     N(0,1) where e is (Wilson & Hilferty 1931)
 //     g   = max(0, g + min((w - m) / s - k_all, share h)),   m >= 0, s >= 1; share: no single frame suffices
+//     the same of e / tolerance with m = 0, s = 1: what is there from the start is learnt by all others as the level
 //     alarm when a g exceeds h;  onset: the last frame at which that g was zero
 //
 // Run length between false alarms of one CUSUM of white Gaussian z (Siegmund 1985):
@@ -26,6 +27,7 @@ struct InnovationWatchOptions {
     double false_alarm_period_s = 7200.0;  ///< twice the promised hour: z is not exactly Gaussian
     double drift = 1.75;                   ///< k, half the smallest shift looked for, in standard deviations
     double drift_all = 2.5;                ///< k_all: the same of all markers together, only for what is gross
+    double tolerance = 2.0;                ///< the filter may be too sure of its innovations by this factor
     double learning_s = 3.0;               ///< no alarm before; level, spread and correlation are learnt
     double forgetting_s = 60.0;            ///< level and spread follow slow changes
     double clip = 2.75;                    ///< wild values are no shift: four at least, of one direction
@@ -75,7 +77,12 @@ class InnovationWatch {
         double sign() const { return up > down ? 1.0 : -1.0; }
     };
     void feed(Channel& channel, double e, std::int64_t stamp_us, bool learning) noexcept;
-    void feed_all(double sum_of_squares, int count, std::int64_t stamp_us, bool learning) noexcept;
+    void feed_all(double squares, int count, std::int64_t stamp_us, bool learning) noexcept;
+    void feed_standing(double squares, int count, std::int64_t stamp_us) noexcept;
+    double most_of_one_frame() const;
+    double shift(std::size_t channel) const;  // of the smoothed e, from what is usual
+    double spread_squared(std::size_t channel) const;
+    GapKind kind_of_shift() noexcept;  // sets marker_shift
     void judge(std::int64_t stamp_us) noexcept;
     void restart() noexcept;
 
@@ -83,8 +90,10 @@ class InnovationWatch {
     std::size_t markers_;
     std::vector<Channel> channels_;  // 3 per marker, then 3 common modes
     Channel all_;                    // w; only upwards
+    Channel standing_;               // w of e / tolerance, measured by nothing learnt
     std::vector<double> level_;      // smoothed e per channel
     GapState state_;
+    bool from_the_start_ = false;  // the alarm is of standing_: what is usual is what the filter expects
     std::int64_t first_us_ = 0, last_us_ = 0, alarm_us_ = 0;
     std::int64_t frames_ = 0;
     double period_s_ = 0.0;

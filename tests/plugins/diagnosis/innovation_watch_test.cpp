@@ -136,6 +136,24 @@ TEST(InnovationWatch, ABodyThatMovesALittleEverywhereIsMechanics) {
     EXPECT_GE(mechanics, 18);
 }
 
+// A registration that is off when the service starts is no level to get used to.
+TEST(InnovationWatch, WhatIsThereFromTheStartAlarmsWithinASecond) {
+    const auto first_alarm = [](const std::function<double(std::size_t, std::size_t)>& shift) {
+        Stream stream(31);
+        InnovationWatch watch(kMarkers, {});
+        for (int f = 0; f < 30 && !watch.state().alarm; ++f) watch.update(stamp(f), stream.next(shift));
+        return watch.state();
+    };
+    const GapState camera = first_alarm([](auto, std::size_t a) { return a == 1 ? 12.0 : 0.0; });
+    EXPECT_TRUE(camera.alarm);
+    EXPECT_EQ(camera.kind, GapKind::kSensor);
+    EXPECT_LT(camera.onset_us, 100'000);
+    const GapState body = first_alarm([](std::size_t m, std::size_t) { return m % 2 == 0 ? 8.0 : -8.0; });
+    EXPECT_TRUE(body.alarm);
+    EXPECT_EQ(body.kind, GapKind::kMechanics);
+    EXPECT_FALSE(first_alarm([](auto, auto) { return 0.0; }).alarm) << "a filter too sure by 1.7, and a standing bias";
+}
+
 // Five frames a second: every marker jumps its own way by 8 sigma, and the filter has followed after half a second. The
 // axes alone, each of which counts 2.75 deviations at most, would need four frames of one direction.
 TEST(InnovationWatch, AJumpOfManyMarkersIsSeenInTwoFramesButNotInOne) {
