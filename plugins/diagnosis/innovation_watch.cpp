@@ -15,6 +15,7 @@ constexpr double kDoubt = 2.0;  // standard errors by which the correlation is t
 constexpr double kMaxCorrelation = 0.95;
 constexpr double kLeastSpread = 1e-3;   // variance of e
 constexpr double kMostOfBound = 0.6;    // of the bound, by one frame of all markers together: never one alone, ...
+constexpr double kMostStanding = 2.0;   // of the bound: what stood long ends within a second, too
 constexpr double kMostPerSecond = 3.0;  // ... nor less than a third of a second
 
 double run_length(double k, double h) {
@@ -108,7 +109,7 @@ double InnovationWatch::most_of_one_frame() const {
 void InnovationWatch::feed_standing(double squares, int count, std::int64_t stamp_us) noexcept {
     if (count == 0) return;
     const double step = std::min(as_normal(squares / count, count) - options_.drift_all, most_of_one_frame());
-    standing_.up = std::max(0.0, standing_.up + step);
+    standing_.up = std::clamp(standing_.up + step, 0.0, kMostStanding * state_.bound);
     if (standing_.up == 0.0) standing_.up_since_us = stamp_us;
 }
 
@@ -184,7 +185,8 @@ void InnovationWatch::judge(std::int64_t stamp_us) noexcept {
         if (state_.alarm) state_.marker_shift[m] += 0.2 * (std::sqrt(square / 3.0) - state_.marker_shift[m]);
     }
     if (state_.alarm) {
-        if (1e-6 * static_cast<double>(stamp_us - alarm_us_) > options_.hold_s) restart();
+        const bool stands = from_the_start_ && standing_.up > 0.0;
+        if (!stands && 1e-6 * static_cast<double>(stamp_us - alarm_us_) > options_.hold_s) restart();
         return;
     }
     if (state_.bound <= 0.0 || state_.statistic < state_.bound) return;

@@ -31,7 +31,7 @@ struct InnovationWatchOptions {
     double learning_s = 3.0;               ///< no alarm before; level, spread and correlation are learnt
     double forgetting_s = 60.0;            ///< level and spread follow slow changes
     double clip = 2.75;                    ///< wild values are no shift: four at least, of one direction
-    double hold_s = 5.0;                   ///< an alarm stands so long, then the new state is learnt
+    double hold_s = 5.0;  ///< an alarm stands so long, then the new state is learnt (from the start: while it lasts)
 };
 
 /// Innovation of one marker; `used` false: lost or gated (a gated marker counts, a lost one does not).

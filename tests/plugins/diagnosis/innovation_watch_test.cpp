@@ -151,6 +151,13 @@ TEST(InnovationWatch, WhatIsThereFromTheStartAlarmsWithinASecond) {
     const GapState body = first_alarm([](std::size_t m, std::size_t) { return m % 2 == 0 ? 8.0 : -8.0; });
     EXPECT_TRUE(body.alarm);
     EXPECT_EQ(body.kind, GapKind::kMechanics);
+    Stream stream(32);
+    InnovationWatch watch(kMarkers, {});
+    for (int f = 0; f < 900; ++f) {  // stands for 20 s, and is mended
+        watch.update(stamp(f), stream.next([&](auto, std::size_t a) { return f < 600 && a == 1 ? 12.0 : 0.0; }));
+        EXPECT_TRUE(f < 30 || f >= 600 || watch.state().alarm) << f;
+        EXPECT_TRUE(f < 630 || !watch.state().alarm) << f;
+    }
     EXPECT_FALSE(first_alarm([](auto, auto) { return 0.0; }).alarm) << "a filter too sure by 1.7, and a standing bias";
 }
 
