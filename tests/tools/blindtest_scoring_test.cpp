@@ -2,9 +2,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <fstream>
 #include <map>
+#include <sstream>
 
 #include "core/case/text_file.h"
 #include "core/case/text_writer.h"
@@ -216,6 +219,23 @@ TEST(BlindtestCommand, MergesShards) {
         EXPECT_GT(fs::file_size(scratch.path() / "plots" / picture), 1000u) << picture;
     EXPECT_EQ(test::run_teres({"blindtest", "merge"}).exit_code, 2);
     EXPECT_EQ(test::run_teres({"blindtest", "generate", "--shard", "9"}).exit_code, 2);
+}
+
+// What VALIDATION.md says of the sealed cases whose answers are kept is what these answers give.
+TEST(BlindtestCommand, ValidationHoldsTheTablesOfTheKeptAnswers) {
+    const char* source = std::getenv("TERES_SOURCE_DIR");
+    const fs::path root = source != nullptr ? source : ".";
+    std::vector<std::string> merge{"blindtest", "merge"};
+    for (const auto& entry : fs::directory_iterator(root / "tests" / "validation" / "sealed"))
+        if (entry.path().extension() == ".jsonl") merge.push_back(entry.path().string());
+    ASSERT_GT(merge.size(), 2u);
+    std::sort(merge.begin() + 2, merge.end());
+    const test::Run tables = test::run_teres(merge);
+    ASSERT_EQ(tables.exit_code, 0) << tables.error;
+    const auto validation = read_text_file(root / "VALIDATION.md");
+    ASSERT_TRUE(validation) << validation.error().text;
+    std::istringstream lines(tables.output);
+    for (std::string line; std::getline(lines, line);) EXPECT_THAT(*validation, ::testing::HasSubstr(line));
 }
 
 }  // namespace
