@@ -28,9 +28,9 @@ struct InnovationWatchOptions {
     double drift = 1.75;                   ///< k, half the smallest shift looked for, in standard deviations
     double drift_all = 2.5;                ///< k_all: the same of all markers together, only for what is gross
     double tolerance = 2.0;                ///< the filter may be too sure of its innovations by this factor
-    double learning_s = 3.0;               ///< no alarm before; level, spread and correlation are learnt
-    double forgetting_s = 60.0;            ///< level and spread follow slow changes
-    double clip = 2.75;                    ///< wild values are no shift: four at least, of one direction
+    double learning_s = 3.0;     ///< level, spread and correlation are learnt; no alarm before but of what is gross
+    double forgetting_s = 60.0;  ///< level and spread follow slow changes
+    double clip = 2.75;          ///< wild values are no shift: four at least, of one direction
     double hold_s = 5.0;  ///< an alarm stands so long, then the new state is learnt (from the start: while it lasts)
 };
 

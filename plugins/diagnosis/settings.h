@@ -25,7 +25,8 @@ struct DiagnosisSettings {
         field("false_alarm_period_s", false_alarm_period_s, {1.0, 1e7},
               "live: mean time between false alarms that the bound of GAP is made for [s]");
         field("learning_s", learning_s, {0.5, 3600.0},
-              "live: level, spread and correlation of the innovations are learnt so long, without alarm [s]");
+              "live: level, spread and correlation of the innovations are learnt so long, with no alarm but of what is "
+              "gross [s]");
         field("forgetting_s", forgetting_s, {1.0, 1e5}, "live: time constant with which they follow slow changes [s]");
         field("hold_s", hold_s, {0.1, 3600.0}, "live: an alarm stands so long, then the new state is learnt [s]");
     }
