@@ -93,8 +93,10 @@ std::string held_out_text(const Recording& r, const TrajectoryModel& model) {
     if (r.held_markers.empty())
         return "frames " + std::to_string(r.first_held_frame) + "-" + std::to_string(r.num_frames - 1);
     std::string text = "markers ";
-    for (std::size_t k = 0; k < r.held_markers.size(); ++k)
-        text += (k > 0 ? "," : "") + std::to_string(model.marker_id(static_cast<std::size_t>(r.held_markers[k])));
+    for (const auto marker : r.held_markers) {
+        if (text.back() != ' ') text += ',';
+        text += std::to_string(model.marker_id(static_cast<std::size_t>(marker)));
+    }
     return text + " in all frames";
 }
 

@@ -99,7 +99,7 @@ void GradientChange::change_of_gradient(const Hypothesis& h, const ExternalActio
                 if (!now.prestress.empty()) S[i] += now.prestress[6 * q + i];
                 if (!prestress.empty()) S[i] -= prestress[6 * q + i];
             }
-            if (std::all_of(std::begin(S), std::end(S), [](double s) { return s == 0.0; })) continue;
+            if (std::all_of(std::begin(S), std::end(S), [](double stress) { return stress == 0.0; })) continue;
             Matrix3d S2;
             S2 << S[0], S[3], S[4], S[3], S[1], S[5], S[4], S[5], S[2];
             const Matrix3d F = Eigen::Map<const Eigen::Matrix3f>(&state.F[9 * q]).cast<double>();
