@@ -176,13 +176,10 @@ void InnovationWatch::judge(std::int64_t stamp_us) noexcept {
     if (standing_.up > worst->statistic()) worst = &standing_;
     state_.statistic = worst->statistic();
     for (std::size_t m = 0; m < markers_; ++m) {
-        double statistic = 0.0, square = 0.0;
-        for (std::size_t k = 3 * m; k < 3 * m + 3; ++k) {
-            statistic = std::max(statistic, channels_[k].statistic());
-            square += std::pow(shift(k), 2) / spread_squared(k);
-        }
+        double statistic = 0.0;
+        for (std::size_t k = 3 * m; k < 3 * m + 3; ++k) statistic = std::max(statistic, channels_[k].statistic());
         state_.marker_statistic[m] = statistic;
-        if (state_.alarm) state_.marker_shift[m] += 0.2 * (std::sqrt(square / 3.0) - state_.marker_shift[m]);
+        if (state_.alarm) state_.marker_shift[m] += 0.2 * (std::sqrt(squared_shift(m) / 3.0) - state_.marker_shift[m]);
     }
     if (state_.alarm) {
         const bool stands = from_the_start_ && standing_.up > 0.0;
@@ -206,22 +203,26 @@ double InnovationWatch::spread_squared(std::size_t k) const {
     return from_the_start_ ? options_.tolerance * options_.tolerance : std::max(channels_[k].variance, kLeastSpread);
 }
 
+double InnovationWatch::squared_shift(std::size_t marker) const {
+    double square = 0.0;
+    for (std::size_t k = 3 * marker; k < 3 * marker + 3; ++k) square += shift(k) * shift(k) / spread_squared(k);
+    return square;
+}
+
 // One marker makes the shift, or all shifted alike: the sensor. Several in different ways: the body.
 GapKind InnovationWatch::kind_of_shift() noexcept {
     double mean[3] = {0.0, 0.0, 0.0}, square = 0.0, scatter = 0.0, largest = 0.0, total = 0.0;
     for (std::size_t m = 0; m < markers_; ++m) {
-        double own = 0.0, beyond_noise = 0.0;
         for (std::size_t a = 0; a < 3; ++a) {
-            const double d = shift(3 * m + a), spread = spread_squared(3 * m + a);
+            const double d = shift(3 * m + a);
             mean[a] += d / static_cast<double>(markers_);
-            own += d * d;
-            beyond_noise += d * d / spread - kLevelNoise;
-            scatter += kLevelNoise * spread / static_cast<double>(markers_);
+            square += d * d / static_cast<double>(markers_);
+            scatter += kLevelNoise * spread_squared(3 * m + a) / static_cast<double>(markers_);
         }
-        square += own / static_cast<double>(markers_);
+        const double beyond_noise = squared_shift(m) - 3.0 * kLevelNoise;
         total += std::max(beyond_noise, 0.0);
         largest = std::max(largest, beyond_noise);
-        state_.marker_shift[m] = std::sqrt(own / 3.0);
+        state_.marker_shift[m] = std::sqrt(squared_shift(m) / 3.0);
     }
     const double common = mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2];
     const bool alike = 2.0 * common > square && square - common < kRigidSpread * kRigidSpread * square + 1.5 * scatter;

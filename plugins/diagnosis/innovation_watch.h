@@ -70,11 +70,9 @@ class InnovationWatch {
         double mean_z = 0.0, variance_z = 1.0;
         double up = 0.0, down = 0.0;
         std::int64_t up_since_us = 0, down_since_us = 0;
-        double sum = 0.0;  // of e since the alarm's onset, for the shift
         int count = 0;
         bool started = false;
         double statistic() const { return up > down ? up : down; }
-        double sign() const { return up > down ? 1.0 : -1.0; }
     };
     void feed(Channel& channel, double e, std::int64_t stamp_us, bool learning) noexcept;
     void feed_all(double squares, int count, std::int64_t stamp_us, bool learning) noexcept;
@@ -82,7 +80,8 @@ class InnovationWatch {
     double most_of_one_frame() const;
     double shift(std::size_t channel) const;  // of the smoothed e, from what is usual
     double spread_squared(std::size_t channel) const;
-    GapKind kind_of_shift() noexcept;  // sets marker_shift
+    double squared_shift(std::size_t marker) const;  // in spreads, of its three axes
+    GapKind kind_of_shift() noexcept;                // sets marker_shift
     void judge(std::int64_t stamp_us) noexcept;
     void restart() noexcept;
 
