@@ -141,7 +141,8 @@ const GapState& InnovationWatch::update(std::int64_t stamp_us, std::span<const M
     ++frames_;
     const bool learning = 1e-6 * static_cast<double>(stamp_us - first_us_) < options_.learning_s;
     if (period_s_ > 0.0)
-        state_.bound = cusum_bound(options_.drift, 1.0 / period_s_, options_.false_alarm_period_s, channels_.size());
+        state_.bound = cusum_bound(options_.drift, 1.0 / period_s_, options_.false_alarm_period_s,
+                                   channels_.size() + 2);  // all_, standing_
 
     double common[3] = {0.0, 0.0, 0.0}, squares = 0.0, tolerant_squares = 0.0;
     int seen = 0, axes = 0;
