@@ -43,12 +43,27 @@ Left left_under(const Problem& problem, const Whitener& whitener, const Fit& fit
                                       problem.simulator.noise_factor(fit.at));
 }
 
+namespace {
+
+// By how much markers scatter more than stated: of second differences, whose median few bad markers change. Beside the
+// span of the motion noise is all that is left, and more numbers tell of it: they are believed as far as noise may be
+// misstated.
+double seen_noise_factor(const Problem& problem, const Fit& fit) {
+    const double factor =
+        stated_noise_factor(fit.residual, problem.whitener, problem.floor.noise, problem.recording.num_markers);
+    if (factor == 1.0 || !problem.floor.split()) return factor;
+    const double off = problem.options.calibration.beside_noise, variance = factor * factor;
+    const double beside = problem.beside_span(fit.residual) / problem.floor.noise_beside;
+    return std::sqrt(std::clamp(beside, (1.0 - off) * variance, (1.0 + off) * variance));
+}
+
+}  // namespace
+
 void take_noise(Problem& problem, Fit& fit) {
     for (ActiveEffect& effect : fit.at.effects) {
         if (!only_scatters(problem, effect.entry)) continue;
         const EffectEntry& entry = problem.simulator.effects()[effect.entry];
-        const double factor =
-            stated_noise_factor(fit.residual, problem.whitener, problem.floor.noise, problem.recording.num_markers);
+        const double factor = seen_noise_factor(problem, fit);
         for (std::size_t p = 0; p < effect.values.size(); ++p)
             effect.values[p] = std::clamp(factor, entry.parameters[p].lower, entry.parameters[p].upper);
         const double left = problem.floor.beside_noise(fit.misfit, problem.simulator.noise_factor(fit.at)).cost;

@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <optional>
+#include <random>
 
 #include "tests/support/toy_body.h"
 
@@ -100,6 +101,37 @@ TEST(CauseFit, IsHopelessByWhatItLeavesInsideAndBesideTheMotion) {
     EXPECT_TRUE(problem.hopeless(residual, 5.0));
     problem.reach = {};
     EXPECT_FALSE(problem.hopeless(residual, 5.0));
+}
+
+// Markers that scatter 3.5 times as much as stated (40 draws): with the effect `noise` what is left beside the motion
+// is the stated noise. By second differences alone it is off by the scatter of their median.
+TEST(CauseFit, NoiseLeavesTheStatedNoiseBesideTheMotion) {
+    test::ToyBody body;
+    const test::ToyCamera camera;
+    const EffectTable effects(body, &camera, {});
+    const std::vector<double> observed = body.motion({kSupports, {}});
+    Recording recording = *make_recording({"toy", &body, &camera, observed, kNoise, 1});
+    Simulator simulator(body, &camera, effects);
+    const DiagnosisOptions options{};
+    Problem problem{simulator, recording, options, {}, white(recording)};
+    const auto rows = static_cast<Eigen::Index>(recording.fit_rows.size());
+    problem.span =
+        std::make_shared<const MotionSpan>(recording.observed, 3 * recording.num_markers, recording.fit_rows);
+    problem.floor = split_floor({.noise = static_cast<double>(rows), .model = 0.35 * static_cast<double>(rows)},
+                                problem.span->degrees() / static_cast<double>(rows), options.calibration);
+    std::mt19937_64 random(7);
+    std::normal_distribution<double> scatter(0.0, 3.5);
+    for (int draw = 0; draw < 40; ++draw) {
+        Fit fit;
+        fit.usable = true;
+        fit.at = {kSupports, {{effects.find("noise"), {1.0}}}};
+        fit.residual = Eigen::VectorXd::NullaryExpr(rows, [&] { return scatter(random); });
+        fit.cost = fit.misfit = fit.residual.squaredNorm();
+        take_noise(problem, fit);
+        problem.look_beside(fit);
+        EXPECT_NEAR(fit.at.effects[0].values[0], 3.5, 0.25);
+        EXPECT_NEAR(fit.beside, problem.floor.noise_beside, 1e-6 * problem.floor.noise_beside);
+    }
 }
 
 // First order asks for eight times the force, with which the body would be in another equilibrium; there the residual
