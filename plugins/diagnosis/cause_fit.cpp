@@ -21,6 +21,8 @@ constexpr double kSettled = 0.95;       // of what was left: no further round
 constexpr double kAnotherCourse = 1.2;  // times what was left: not by rounding
 constexpr double kFarOff = 2.0;         // times the misfit without the effect: no start
 constexpr double kFarTheta = 1.5;       // prior standard deviations from the prior at which a refit starts at most
+constexpr std::size_t kTornStarts = 5;  // of a tear: along a front that is sharp, descents end in hollows
+constexpr double kTornNearby = 1.5;     // times what the best of these leaves: given up beyond
 constexpr double kTrace = 0.1;          // of what first order asks for: hardly more than without the effect
 
 // Whether one of its effects may differ from the catalogue's in its form.
@@ -319,12 +321,20 @@ bool at_full_size(const Problem& problem, const EffectEntry& entry) {
 }
 
 Cause refit_torn(Problem& problem, const Fit& nominal, const EffectScreening& added, int iterations) {
-    const std::vector<StrongStart> starts = best_strong_starts(problem, added, 1);
+    const std::vector<StrongStart> starts = best_strong_starts(problem, added, kTornStarts);
     if (starts.empty()) return refit(problem, nominal, nullptr, added, iterations);
     Cause cause;
     cause.entries = {added.entry};
     cause.search_cost = added.search_cost;
-    cause.fit = fit_from_full_size(problem, starts.front().at, iterations);
+    for (const StrongStart& start : starts) {
+        if (cause.fit.usable && (problem.out_of_time() || problem.floor.explains(left_of(cause.fit)))) break;
+        Reach reach = problem.reach;
+        if (cause.fit.usable) reach.misfit = std::min(reach.misfit, kTornNearby * cause.fit.misfit);
+        const GivenUpBeyond bound(problem, reach, problem.worst_start);
+        Fit fit = fit_from_full_size(problem, start.at, iterations);
+        problem.look_beside(fit);
+        if (fit.usable && (!cause.fit.usable || fit.cost < cause.fit.cost)) cause.fit = std::move(fit);
+    }
     problem.look_ahead(cause.fit);
     return cause;
 }

@@ -24,8 +24,8 @@ Cause refit(Problem& problem, const Fit& nominal, const Cause* known, const Effe
 /// Whether an effect alone is fitted from where it acts at full size: a tear of a static recording.
 bool at_full_size(const Problem& problem, const EffectEntry& entry);
 
-/// The same of a tear alone, from where it leaves the least at full size: how far it reaches and when it happens are
-/// not seen by first order. From first order where no body holds so.
+/// The same of a tear alone, the best of fits from the few places and extents where it leaves the least at full size:
+/// how far it reaches and when it happens are not seen by first order. From first order where no body holds so.
 Cause refit_torn(Problem& problem, const Fit& nominal, const EffectScreening& added, int iterations);
 
 /// A fit of the whole recording that begins with every frame solved, one after the other: a body may have several

@@ -134,19 +134,21 @@ class Sharing {
 class GivenUpBeyond {
   public:
     GivenUpBeyond(Problem& problem, const Reach& reach, double start = std::numeric_limits<double>::infinity())
-        : problem_(problem) {
+        : problem_(problem), reach_(problem.reach), worst_start_(problem.worst_start) {
         problem.reach = reach;
         problem.worst_start = start;
     }
     ~GivenUpBeyond() {
-        problem_.reach = {};
-        problem_.worst_start = std::numeric_limits<double>::infinity();
+        problem_.reach = reach_;
+        problem_.worst_start = worst_start_;
     }
     GivenUpBeyond(const GivenUpBeyond&) = delete;
     GivenUpBeyond& operator=(const GivenUpBeyond&) = delete;
 
   private:
     Problem& problem_;
+    Reach reach_;  // before
+    double worst_start_;
 };
 
 /// share_work() of a problem and the one beside it.

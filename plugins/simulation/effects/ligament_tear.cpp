@@ -1,9 +1,14 @@
-// ligament_tear: a part of the ligament lets go at some time, its stiffness times 1 - loss w(x) s(t).
+// ligament_tear: a part of the ligament lets go at some time, its stiffness times 1 - loss w(x) s(t). It parts along a
+// front: w falls from 1 to 0 within less than two spacings of the surface's nodes.
+#include <cmath>
+
 #include "plugins/simulation/effects/effect.h"
 #include "plugins/simulation/effects/places.h"
 
 namespace teres {
 namespace {
+
+constexpr double kFront = 0.4;  // of the nodes' spacing: w is 0.9 and 0.1 at 2.2 of this before and beyond the front
 
 class LigamentTear final : public Effect {
   public:
@@ -42,7 +47,8 @@ class LigamentTear final : public Effect {
         const Eigen::Vector3d centre(v[1], v[2], v[3]);
         for (std::size_t k = 0; k < scene.tethers.ligament_end; ++k) {
             Tether& t = scene.ties()[k];
-            t.share *= 1.0 - loss * inside(scene.mesh.X.col(t.node), centre, v[4]);
+            t.share *= 1.0 - loss * inside(scene.mesh.X.col(t.node), centre, v[4],
+                                           kFront * std::sqrt(scene.mesh.node_area[static_cast<std::size_t>(t.node)]));
         }
     }
 };

@@ -27,6 +27,7 @@ std::vector<std::size_t> spread(const Matrix3Xd& points, std::size_t count) {
 
 namespace {
 
+constexpr double kEdge = 0.15;  // radii
 constexpr double kWhole = 2.4;  // radii: inside() is 0.98 at the ends
 constexpr double kReach = 2.0;  // radii: inside() is 0.001 beyond
 constexpr double kPointsPerRadius = 3.0;
@@ -109,7 +110,11 @@ std::vector<Ball> ligament_places(const Scene& scene, const std::vector<double>&
 }
 
 double inside(const Vector3d& x, const Vector3d& centre, double radius_m) {
-    return 1.0 / (1.0 + std::exp(((x - centre).norm() / radius_m - 1.0) / 0.15));
+    return inside(x, centre, radius_m, kEdge * radius_m);
+}
+
+double inside(const Vector3d& x, const Vector3d& centre, double radius_m, double edge_m) {
+    return 1.0 / (1.0 + std::exp(((x - centre).norm() - radius_m) / std::min(edge_m, kEdge * radius_m)));
 }
 
 namespace {

@@ -25,6 +25,8 @@ std::vector<Ball> ligament_places(const Scene& scene, const std::vector<double>&
 
 /// 1 inside the ball, 0 outside, edge a few tenths of the radius wide.
 double inside(const Eigen::Vector3d& x, const Eigen::Vector3d& centre, double radius_m);
+/// The same with an edge no wider than that: 0.9 and 0.1 at 2.2 edge_m inside and outside.
+double inside(const Eigen::Vector3d& x, const Eigen::Vector3d& centre, double radius_m, double edge_m);
 
 /// The part of the surface in the ball, shared by its nodes: integral over the surface of N_i(x) inside(x). Smooth in
 /// centre and radius, also where the ball is smaller than the mesh. Of a ball beside the surface: the point of the

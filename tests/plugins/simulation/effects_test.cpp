@@ -156,6 +156,17 @@ TEST(Effects, APlaceInsideActsOnTheSurfaceNextToIt) {
     EXPECT_LT(error, 1e-5 * size);
 }
 
+// A front of given width crosses a large ball's edge: 0.9 and 0.1 at 2.2 of it to either side (logistic: ln 9); a small
+// ball's edge stays 0.15 radii wide.
+TEST(Effects, AFrontIsAsSharpAsItIsGiven) {
+    const Vector3d centre(0.01, -0.02, 0.03), out(0.6, 0.0, 0.8);
+    const double radius = 0.08, edge = 0.003, across = std::log(9.0) * edge;
+    EXPECT_NEAR(inside(centre + (radius - across) * out, centre, radius, edge), 0.9, 1e-12);
+    EXPECT_NEAR(inside(centre + (radius + across) * out, centre, radius, edge), 0.1, 1e-12);
+    for (const double distance : {0.0, 0.009, 0.011})
+        EXPECT_EQ(inside(centre + distance * out, centre, 0.01, edge), inside(centre + distance * out, centre, 0.01));
+}
+
 // On a plane a patch has the ball's middle as its own, as shape functions reproduce what is linear, and its area is
 // that of  2 pi int s inside(s) ds = pi r^2 (1 + (pi 0.15)^2/3)  whatever the mesh: down to a fifth of an edge.
 TEST(Effects, APatchIsWhereItsBallIsHoweverSmall) {
