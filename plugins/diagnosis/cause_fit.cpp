@@ -56,7 +56,8 @@ double seen_noise_factor(const Problem& problem, const Fit& fit) {
     if (factor == 1.0 || !problem.floor.split()) return factor;
     const double off = problem.options.calibration.beside_noise, variance = factor * factor;
     const double beside = problem.beside_span(fit.residual) / problem.floor.noise_beside;
-    return std::sqrt(std::clamp(beside, (1.0 - off) * variance, (1.0 + off) * variance));
+    const double seen = std::sqrt(std::clamp(beside, (1.0 - off) * variance, (1.0 + off) * variance));
+    return seen > kMisstatedNoise ? seen : 1.0;
 }
 
 }  // namespace

@@ -9,9 +9,8 @@ namespace {
 constexpr Eigen::Index kSpatialModes = 3;                     // what moves many markers at once is not noise
 constexpr double kStandsOut = 1.1;                            // of the largest singular value of white noise
 constexpr double kOverlap = 1.0 + 2.0 * (16.0 + 1.0) / 36.0;  // 1 + 2 sum of squared correlations, -4/6 and 1/6
-constexpr double kMisstated = 1.1;    // times the stated one: no finding, nobody knows noise better
-constexpr double kLeastShare = 0.2;   // of white noise that is left without the leading modes
-constexpr double kLeastWeight = 0.5;  // of the median one
+constexpr double kLeastShare = 0.2;                           // of white noise that is left without the leading modes
+constexpr double kLeastWeight = 0.5;                          // of the median one
 
 // A row per channel, a column per frame; lost entries are zero in R and not seen.
 struct Residual {
@@ -92,7 +91,7 @@ double stated_noise_factor(const Eigen::VectorXd& residual, const Whitener& whit
     }
     const double stated_m = std::sqrt(noise / weight.squaredNorm());
     const double factor = white_noise_factor(residual(used).cwiseQuotient(weight(used)), rows, num_markers) / stated_m;
-    return factor > kMisstated ? factor : 1.0;
+    return factor > kMisstatedNoise ? factor : 1.0;
 }
 
 }  // namespace teres
