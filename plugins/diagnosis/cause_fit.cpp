@@ -294,6 +294,8 @@ void score(Problem& problem, const Fit& nominal, const Base* base, Cause& cause)
     const double gain = floor.log_above(base->known.left()) - floor.log_above(cause.left());
     cause.form_nats =
         0.5 * problem.options.calibration.nu * std::max(0.0, gain - gain_beside_forms(problem, nominal, *base, cause));
+    // What was no evidence for those before is none for all of them together.
+    if (!problem.simulator.mechanics().dynamic()) cause.form_nats += base->known.form_nats;
     cause.score -= cause.form_nats;
 }
 

@@ -64,7 +64,8 @@ struct Cause {
     bool lets_go = false;     ///< its first effect is a cut that lets a ligament go
     Price price{};            ///< of a fitted cause
     double score = 0.0;
-    /// Nats that the score leaves out: of what its last effect explains, what other forms of those before explain too.
+    /// Nats that the score leaves out: of what each further effect explains, what other forms of those before it
+    /// explain too (with inertia: of the last one).
     double form_nats = 0.0;
     double probability = 0.0;
     double explained = 0.0;                  ///< share of the cost above the floor that it takes away

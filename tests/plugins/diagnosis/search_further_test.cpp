@@ -200,6 +200,10 @@ TEST_F(SearchFurther, WhatComesLaterIsNoErrorOfFormOfWhatWasThere) {
     };
     const double of_price = problem_->options.calibration.further_mechanical;
     EXPECT_GT(score_from(6.0), score_from(0.0) + of_price + 1.0);
+    // Nor does what was no evidence for those before become some with one more.
+    const double before = score_from(0.0);
+    alone.form_nats = 4.0;
+    EXPECT_NEAR(score_from(0.0), before - 4.0, 1e-9);
 }
 
 // A modulus that explains six tenths may leave a twentieth of that, but no more than other forms of it explain of what
