@@ -16,14 +16,14 @@ Left ErrorFloor::beyond(const Left& left) const {
     return {std::max(0.0, left.inside() - (noise - noise_beside) - model) + beside, beside};
 }
 
-Left ErrorFloor::reached(const Left& from, double model_share, double rest_share, double rest_share_beside) const {
-    const auto part = [&](double cost, double of_noise, double of_model, double share) {
+Left ErrorFloor::reached(const Left& from, double model_share, double rest_share) const {
+    const auto part = [&](double cost, double of_noise, double of_model) {
         const double least = std::min(of_noise + model_share * of_model, cost);
-        return least + share * (cost - least);
+        return least + rest_share * (cost - least);
     };
-    if (!split()) return {part(from.cost, noise, model, rest_share)};
-    const double beside = part(from.beside, noise_beside, model_beside, rest_share_beside);
-    return {part(from.inside(), noise - noise_beside, model, rest_share) + beside, beside};
+    if (!split()) return {part(from.cost, noise, model)};
+    const double beside = part(from.beside, noise_beside, model_beside);
+    return {part(from.inside(), noise - noise_beside, model) + beside, beside};
 }
 
 Left ErrorFloor::beside_noise(const Left& left, double factor) const {

@@ -42,8 +42,8 @@ struct ErrorFloor {
     /// By which hypotheses are compared.
     double log_above(const Left& left) const;
     /// What is left where neither part exceeds its noise and `model_share` of the model's error, but for `rest_share`
-    /// of what is beyond, and `rest_share_beside` of that beside the motion.
-    Left reached(const Left& from, double model_share, double rest_share, double rest_share_beside) const;
+    /// of what is beyond.
+    Left reached(const Left& from, double model_share, double rest_share) const;
     /// `left` with another cost: what is above the noise beside the motion changes like all that is above the noise.
     Left scaled(const Left& left, double cost) const;
     /// What of it noise and the model's error do not explain, each part on its own.

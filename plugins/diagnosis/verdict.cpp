@@ -14,11 +14,9 @@ double gain(const Left& nominal, const Left& left, const ErrorFloor& floor, cons
 }
 
 // What an effect that nobody thought of would leave. A share of what is explained stays because of its form; where the
-// best explanation is one whose form cannot be wrong, that is no excuse but for its course in time (a drift need not be
-// even).
+// best explanation is one whose form cannot be wrong, that is no excuse.
 Left unexplained(const Left& nominal, const ErrorFloor& floor, const Calibration& calibration, bool exact = false) {
-    const double share = calibration.unknown_share;
-    return floor.reached(nominal, calibration.unknown_left, exact ? 0.0 : share, share);
+    return floor.reached(nominal, calibration.unknown_left, exact ? 0.0 : calibration.unknown_share);
 }
 
 // A radius, a time, a frequency: how large it is to be expected is known, unlike where something is or when it begins.
@@ -196,7 +194,7 @@ Verdict judge(std::vector<Cause> causes, const Left& nominal, const ErrorFloor& 
     double sum = std::exp(unknown - top);
     for (const Cause& cause : causes) sum += std::exp(visible_evidence(cause.score) - top);
     // Whether there is one.
-    const double not_ours = gain(nominal, floor.reached(nominal, 1.0, 0.0, 0.0), floor, calibration);
+    const double not_ours = gain(nominal, floor.reached(nominal, 1.0, 0.0), floor, calibration);
     const double something =
         std::min(std::max(top + std::log(sum), beyond - least), not_ours + calibration.within_floor);
     verdict.none_probability = 1.0 / (1.0 + std::exp(something - calibration.none_bonus));

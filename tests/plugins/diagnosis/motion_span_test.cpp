@@ -73,10 +73,10 @@ TEST(ErrorFloor, ComparesInsideAndBesideOnTheirOwn) {
     const ErrorFloor together{.noise = 10.0, .model = 4.0};
     EXPECT_NEAR(together.log_above({19.0, 12.0}), std::log(13.0), 1e-12);
 
-    // 70 % of the model's error and 10 and 20 % of what is beyond: inside 6.8 + 0.02, beside 6.7 + 1.06.
-    const Left rest = floor.reached({19.0, 12.0}, 0.7, 0.1, 0.2);
+    // 70 % of the model's error and 10 % of what is beyond: inside 6.8 + 0.02, beside 6.7 + 0.53.
+    const Left rest = floor.reached({19.0, 12.0}, 0.7, 0.1);
     EXPECT_NEAR(rest.inside(), 6.8 + 0.1 * 0.2, 1e-12);
-    EXPECT_NEAR(rest.beside, 6.7 + 0.2 * 5.3, 1e-12);
+    EXPECT_NEAR(rest.beside, 6.7 + 0.1 * 5.3, 1e-12);
     // Two thirds of the 9 above the noise are 6: of the 6 beside, 4.
     EXPECT_NEAR(floor.scaled({19.0, 12.0}, 16.0).beside, 10.0, 1e-12);
 }
