@@ -231,7 +231,6 @@ Json to_json(const Diagnosis& d, const EffectTable& effects, const TrajectoryMod
                  {"cost_beside_motion", cause.fit.beside / used},
                  {"cost_beside_forms",
                   cause.misfit_beside_forms ? Json(*cause.misfit_beside_forms / used) : Json(nullptr)},
-                 {"exact_form", cause.exact_form},
                  {"rough_form", cause.rough_form},
                  {"lets_go", cause.lets_go},
                  {"model_cost", cause.model_error ? Json(*cause.model_error / used) : Json(nullptr)},  // in its state

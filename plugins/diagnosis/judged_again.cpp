@@ -51,7 +51,6 @@ Cause fitted(const Json& fit) {
     cause.fit.beside = fit.at("cost_beside_motion").get<double>();
     cause.misfit_beside_forms = known(fit.at("cost_beside_forms"));
     cause.model_error = known(fit.at("model_cost"));
-    cause.exact_form = fit.value("exact_form", false);  // older evidence does not say
     cause.rough_form = fit.at("rough_form").get<bool>();
     cause.lets_go = fit.at("lets_go").get<bool>();
     const auto nats = [&](const char* name) { return fit.at(name).get<double>(); };

@@ -13,10 +13,9 @@ double gain(const Left& nominal, const Left& left, const ErrorFloor& floor, cons
     return 0.5 * calibration.nu * (floor.log_above(nominal) - floor.log_above(left));
 }
 
-// What an effect that nobody thought of would leave. A share of what is explained stays because of its form; where the
-// best explanation is one whose form cannot be wrong, that is no excuse.
-Left unexplained(const Left& nominal, const ErrorFloor& floor, const Calibration& calibration, bool exact = false) {
-    return floor.reached(nominal, calibration.unknown_left, exact ? 0.0 : calibration.unknown_share);
+// What an effect that nobody thought of would leave.
+Left unexplained(const Left& nominal, const ErrorFloor& floor, const Calibration& calibration) {
+    return floor.reached(nominal, calibration.unknown_left, calibration.unknown_share);
 }
 
 // A radius, a time, a frequency: how large it is to be expected is known, unlike where something is or when it begins.
@@ -161,8 +160,6 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
         calibration.narrowing * std::max(0.0, narrowing_price(S, amplitudes) - cause.search_cost),
         calibration.further_effect * static_cast<double>(cause.entries.size() - 1) +
             calibration.further_mechanical * (more_than_one(fit, effects, true) + more_than_one(fit, effects, false))};
-    cause.exact_form =
-        std::all_of(cause.entries.begin(), cause.entries.end(), [&](std::size_t e) { return effects[e].exact_form(); });
     cause.rough_form = effects.rough_form(fit.at.effects.front());
     cause.lets_go = effects.lets_go(fit.at.effects.front());
     cause.misfit = misfit_of(fit, theta);
@@ -181,8 +178,7 @@ double unknown_gain(const Left& nominal, const ErrorFloor& floor, const Calibrat
 Verdict judge(std::vector<Cause> causes, const Left& nominal, const ErrorFloor& floor, const Calibration& calibration) {
     Verdict verdict;
     const ErrorFloor there = floor_under_best(causes, floor);
-    const Cause* best = best_fitted(causes);
-    const Left rest = unexplained(nominal, there, calibration, best != nullptr && best->exact_form);
+    const Left rest = unexplained(nominal, there, calibration);
     const double beyond = gain(nominal, rest, floor, calibration);
     const double least = calibration.unknown_least();
     const double price = std::max(least, price_of_rival(causes, rest, floor) + calibration.unknown_rarity);

@@ -59,7 +59,6 @@ struct Cause {
     std::optional<double> misfit_beside_forms{};
     /// Model part of the error floor in the state that the body is in under it, if it was asked for.
     std::optional<double> model_error{};
-    bool exact_form = false;  ///< of all its effects (EffectEntry::exact_form())
     bool rough_form = false;  ///< of its first effect, which explains most (effect_table.h)
     bool lets_go = false;     ///< its first effect is a cut that lets a ligament go
     Price price{};            ///< of a fitted cause

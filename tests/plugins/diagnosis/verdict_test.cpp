@@ -36,18 +36,6 @@ TEST(Verdict, UnknownGainsWhatWouldReachTheFloorButForAShare) {
     EXPECT_EQ(unknown_gain(0.5, kFloor, {}), 0.0) << "nothing above the floor";
 }
 
-// Of a turn of the camera or the weight no form is wrong: of the 10 that there are nothing but half of the model's
-// error is expected to stay, 1.0, instead of 1.0 and 3 % of the 9 beyond.
-TEST(Verdict, BesideAnExactFormUnknownLeavesNoShare) {
-    const auto lead_of_unknown = [](bool exact) {
-        Cause cause = fitted({0}, 3.0, 5.0);
-        cause.exact_form = exact;
-        const Verdict verdict = judge({cause, fitted({1}, 8.0, 5.0)}, kNominal, kFloor, kEvidence);
-        return Calibration{}.temperature * std::log(verdict.unknown_probability / probability_of(verdict, {0}));
-    };
-    EXPECT_NEAR(lead_of_unknown(true) - lead_of_unknown(false), 22.5 * std::log(1.785 / 1.5), 1e-6);
-}
-
 TEST(Verdict, ASingleCauseThatLeavesMuchIsUnknown) {
     const Verdict verdict = judge({fitted({0}, 6.0, 5.0)}, kNominal, kFloor, {});
     EXPECT_GT(verdict.unknown_probability, 0.9);
