@@ -517,6 +517,38 @@ TEST_F(SmallCases, AreDrawnAgainUntilTheyShow) {
     EXPECT_TRUE(label("c0002")["discarded"]);
     EXPECT_THAT(label("c0002")["reason"].get<std::string>(), ::testing::HasSubstr("depth_scale shows"));
     EXPECT_FALSE(fs::exists(out.path() / "cases/c0002"));
+    // What bodies are simulated for is given up after a few frames.
+    maker.least_gap_m = 10.0;
+    ASSERT_EQ(*maker.make({"c0003", 0, {"stiffness"}}), CaseMaker::Outcome::kDiscarded);
+    EXPECT_THAT(label("c0003")["reason"].get<std::string>(), ::testing::HasSubstr("at a few frames"));
+}
+
+TEST_F(SmallCases, FewFramesOfABodyAreThoseOfAll) {
+    TERES_REQUIRE_CALCULIX();
+    const ScratchFolder scratch;
+    BodyOptions options = small_maker(scratch.path()).body_options;
+    options.seed = 11;
+    options.frames = 6;
+    const auto body = TruthBody::make(options, scratch.path());
+    ASSERT_TRUE(body) << body.error().text;
+    Scenario torn = body->control(), pressed = body->control();
+    torn.event_frame = 3;
+    torn.band_after.assign(torn.band.begin(), torn.band.end() - 1);
+    ASSERT_GT(torn.band.size(), 2u);
+    pressed.gravity_direction = {0.0, 0.0, -1.0};
+    pressed.gravity_m_s2.assign(6, 2.0);
+    const std::vector<std::size_t> few{1, 4, 5};
+    const auto control = body->simulate(body->control(), scratch.path(), nullptr);
+    ASSERT_TRUE(control) << control.error().text;
+    for (const Scenario& scenario : {body->control(), torn, pressed}) {
+        const auto all = body->simulate(scenario, scratch.path(), nullptr);
+        const auto some = body->simulate_at(scenario, few, scratch.path(), &*control);
+        ASSERT_TRUE(all && some);
+        ASSERT_EQ(some->markers.size(), few.size());
+        for (std::size_t k = 0; k < few.size(); ++k)
+            for (std::size_t m = 0; m < 6; ++m)
+                EXPECT_LT(distance(some->markers[k][m], all->markers[few[k]][m]), 2e-5);  // of some mm
+    }
 }
 
 }  // namespace

@@ -44,6 +44,8 @@ class CaseMaker {
     Result<const Patient*> patient(const CaseSpec& spec);
     Result<std::unique_ptr<Patient>> make_patient(const CaseSpec& spec, std::uint64_t number) const;
     Status make_once(const CaseSpec& spec, const Patient& patient, int attempt);
+    /// kNotUsable: what the scenario shows at a few frames is far less than it must.
+    Status try_few_frames(const std::string& id, const Scenario& scenario, const Patient& patient) const;
 
     std::uint64_t seed_;
     std::filesystem::path out_, scratch_;

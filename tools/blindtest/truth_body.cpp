@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <numeric>
 
 #include "core/case/geometry.h"
 #include "tools/blindtest/lattice_mesher.h"
@@ -34,15 +35,15 @@ TetMeshData mesh_shape(const BodyShape& shape, double tets, Random& random) {
 }
 
 // Curve over frames first .. first + count - 1, reached from zero in the lead-in.
-Curve frame_curve(double lead_s, double dt_s, std::size_t first, std::size_t count, const auto& value) {
+Curve frame_curve(double lead_s, double dt_s, std::span<const std::size_t> frames, const auto& value) {
     Curve curve;
     if (lead_s > 0.0) {
         curve.t_s.push_back(0.0);
         curve.value.push_back(0.0);
     }
-    for (std::size_t k = 0; k < count; ++k) {
+    for (std::size_t k = 0; k < frames.size(); ++k) {
         curve.t_s.push_back(lead_s + static_cast<double>(k) * dt_s);
-        curve.value.push_back(value(first + k));
+        curve.value.push_back(value(frames[k]));
     }
     return curve;
 }
@@ -343,16 +344,27 @@ Status TruthBody::scale_loads(const std::filesystem::path& scratch) {
 
 Result<Motion> TruthBody::simulate(const Scenario& scenario, const std::filesystem::path& scratch,
                                    const Motion* control) const {
-    if (scenario.event_frame < 0) return solve(scenario, 0, num_frames(), false, false, scratch);
-    const auto event = static_cast<std::size_t>(scenario.event_frame);
+    std::vector<std::size_t> all(num_frames());
+    std::iota(all.begin(), all.end(), std::size_t{0});
+    return simulate_at(scenario, all, scratch, control);
+}
+
+Result<Motion> TruthBody::simulate_at(const Scenario& scenario, std::span<const std::size_t> frames,
+                                      const std::filesystem::path& scratch, const Motion* control) const {
+    if (scenario.event_frame < 0) return solve(scenario, frames, false, false, scratch);
+    const auto event = std::lower_bound(frames.begin(), frames.end(), static_cast<std::size_t>(scenario.event_frame));
+    const std::span<const std::size_t> earlier(frames.begin(), event), later(event, frames.end());
     Motion motion;
     if (control != nullptr) {
-        motion.markers.assign(control->markers.begin(), control->markers.begin() + scenario.event_frame);
-        motion.points.assign(control->points.begin(), control->points.begin() + scenario.event_frame);
-    } else {
-        TERES_TRY_ASSIGN(motion, solve(scenario, 0, event, false, false, scratch));
+        for (const std::size_t k : earlier) {
+            motion.markers.push_back(control->markers[k]);
+            motion.points.push_back(control->points[k]);
+        }
+    } else if (!earlier.empty()) {
+        TERES_TRY_ASSIGN(motion, solve(scenario, earlier, false, false, scratch));
     }
-    TERES_TRY_ASSIGN(const Motion after, solve(scenario, event, num_frames() - event, true, false, scratch));
+    if (later.empty()) return motion;
+    TERES_TRY_ASSIGN(const Motion after, solve(scenario, later, true, false, scratch));
     motion.markers.insert(motion.markers.end(), after.markers.begin(), after.markers.end());
     motion.points.insert(motion.points.end(), after.points.begin(), after.points.end());
     motion.solver_s += after.solver_s;
@@ -362,14 +374,14 @@ Result<Motion> TruthBody::simulate(const Scenario& scenario, const std::filesyst
 Result<double> TruthBody::linear_rms(Scenario scenario, std::size_t frame, const std::filesystem::path& scratch) const {
     for (auto& forces : scenario.forces_n) forces.assign(forces.size(), Point{});
     scenario.body.law = scenario.ligament.law = CalculixMaterial::Law::kLinear;
-    TERES_TRY_ASSIGN(const Motion motion, solve(scenario, frame, 1, true, true, scratch));
+    TERES_TRY_ASSIGN(const Motion motion, solve(scenario, {&frame, 1}, true, true, scratch));
     double sum = 0.0;
     for (std::size_t m = 0; m < nominal_.markers.size(); ++m)
         sum += std::pow(distance(motion.markers[0][m], nominal_.markers[m].position_m), 2);
     return std::sqrt(sum / static_cast<double>(nominal_.markers.size()));
 }
 
-Result<Motion> TruthBody::solve(const Scenario& s, std::size_t first, std::size_t frames, bool after_event, bool linear,
+Result<Motion> TruthBody::solve(const Scenario& s, std::span<const std::size_t> frames, bool after_event, bool linear,
                                 const std::filesystem::path& scratch) const {
     TruthMesh mesh = mesh_;
     if (after_event && s.cut_radius_m > 0.0) mesh.cut(s.cut_centre_m, s.cut_normal, s.cut_bend_1_m, s.cut_radius_m);
@@ -379,12 +391,13 @@ Result<Motion> TruthBody::solve(const Scenario& s, std::size_t first, std::size_
     const WedgeLayer extra = mesh.extrude(mesh.find(s.extra_band), true_band_.height_m, kBandLayers);
 
     // A state that does not start at rest is reached in a lead-in.
-    const bool offset = after_event || !s.pressure_pa.empty() || !s.gravity_m_s2.empty() || !s.far_motion_m.empty() ||
+    const bool offset = after_event || frames.front() > 0 || !s.pressure_pa.empty() || !s.gravity_m_s2.empty() ||
+                        !s.far_motion_m.empty() ||
                         std::any_of(s.patch_loads.begin(), s.patch_loads.end(),
-                                    [&](const PatchLoad& load) { return norm(load.force_n[first]) > 0.0; });
+                                    [&](const PatchLoad& load) { return norm(load.force_n[frames.front()]) > 0.0; });
     const bool dynamic = options_.dynamic && !linear;
     const double lead = offset && !dynamic ? kLead : 0.0, dt = nominal_.dt_s;
-    const auto curve = [&](const auto& value) { return frame_curve(lead, dt, first, frames, value); };
+    const auto curve = [&](const auto& value) { return frame_curve(lead, dt, frames, value); };
 
     CalculixRecording r;
     r.nodes = mesh.nodes();
@@ -424,14 +437,14 @@ Result<Motion> TruthBody::solve(const Scenario& s, std::size_t first, std::size_
     if (s.clamp_held && !clamp_.empty()) add_support(r, nodes_of(mesh, clamp_));
 
     // Patches may overlap and CalculiX wants one curve a node and axis: forces are summed per node.
-    std::map<std::int32_t, std::vector<Point>> node_force;  // [frame - first]
+    std::map<std::int32_t, std::vector<Point>> node_force;  // [frame]
     const auto add_patch = [&](const PatchLoad& patch, const auto& force) {
         const auto shares = patch.at.empty()
                                 ? patch_weights(mesh.corners(), mesh.surface(), &mesh, patch.centre_m, patch.radius_m)
                                 : point_weights(mesh, patch.at);
         for (const auto& [node, share] : shares) {
-            auto& total = node_force.try_emplace(node, frames).first->second;
-            for (std::size_t k = 0; k < frames; ++k) total[k] = plus(total[k], times(share, force(first + k)));
+            auto& total = node_force.try_emplace(node, num_frames()).first->second;
+            for (const std::size_t k : frames) total[k] = plus(total[k], times(share, force(k)));
         }
     };
     for (std::size_t region = 0; region < regions_.size() && !linear; ++region)
@@ -442,7 +455,7 @@ Result<Motion> TruthBody::solve(const Scenario& s, std::size_t first, std::size_
             Point unit{};
             unit[axis] = 1.0;
             const auto& along = force;
-            r.loads.push_back({{{node, unit}}, curve([&](std::size_t k) { return along[k - first][axis]; })});
+            r.loads.push_back({{{node, unit}}, curve([&](std::size_t k) { return along[k][axis]; })});
         }
     if (!s.pressure_pa.empty()) {
         calculix::FacePressure pressure{{}, curve([&](std::size_t k) { return s.pressure_pa[k]; })};
@@ -486,7 +499,7 @@ Result<Motion> TruthBody::solve(const Scenario& s, std::size_t first, std::size_
     std::sort(r.output_nodes.begin(), r.output_nodes.end());
     r.output_nodes.erase(std::unique(r.output_nodes.begin(), r.output_nodes.end()), r.output_nodes.end());
     const bool starts_at_rest = lead == 0.0;
-    for (std::size_t k = starts_at_rest ? 1 : 0; k < frames; ++k)
+    for (std::size_t k = starts_at_rest ? 1 : 0; k < frames.size(); ++k)
         r.times_s.push_back(lead + static_cast<double>(k) * dt);
 
     TERES_TRY_ASSIGN(const calculix::RecordingSolution solution, solve_recording(r, scratch, kSolverLimit));
@@ -494,7 +507,7 @@ Result<Motion> TruthBody::solve(const Scenario& s, std::size_t first, std::size_
     motion.solver_s = solution.seconds;
     std::map<std::int32_t, Point> rest;
     for (const std::int32_t node : r.output_nodes) rest[node] = Point{};
-    for (std::size_t k = 0; k < frames; ++k) {
+    for (std::size_t k = 0; k < frames.size(); ++k) {
         const auto& u = starts_at_rest ? (k == 0 ? rest : solution.displacement_m[k - 1]) : solution.displacement_m[k];
         std::size_t next = 0;
         for (auto [list, out] :

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -114,6 +115,10 @@ class TruthBody {
     /// The recording under a scenario. `control`: its motion, for frames before an event (else they are solved too).
     Result<Motion> simulate(const Scenario& scenario, const std::filesystem::path& scratch,
                             const Motion* control) const;
+    /// The same at some frames, ascending: of a static body whose tissue does not creep each is what its loads make of
+    /// it, whatever came before.
+    Result<Motion> simulate_at(const Scenario& scenario, std::span<const std::size_t> frames,
+                               const std::filesystem::path& scratch, const Motion* control) const;
     /// Rms displacement of the markers [m] under the scenario at one frame, small displacements, without the regions'
     /// loads.
     Result<double> linear_rms(Scenario scenario, std::size_t frame, const std::filesystem::path& scratch) const;
@@ -127,8 +132,8 @@ class TruthBody {
     void place_samples(Random& random);
     void believe(Random& random);
     Status scale_loads(const std::filesystem::path& scratch);
-    Result<Motion> solve(const Scenario& scenario, std::size_t first_frame, std::size_t frames, bool after_event,
-                         bool linear, const std::filesystem::path& scratch) const;
+    Result<Motion> solve(const Scenario& scenario, std::span<const std::size_t> frames, bool after_event, bool linear,
+                         const std::filesystem::path& scratch) const;
 
     BodyOptions options_;
     std::shared_ptr<const BodyShape> shape_;
