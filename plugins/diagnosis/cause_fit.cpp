@@ -21,8 +21,7 @@ constexpr double kSettled = 0.95;       // of what was left: no further round
 constexpr double kAnotherCourse = 1.2;  // times what was left: not by rounding
 constexpr double kFarOff = 2.0;         // times the misfit without the effect: no start
 constexpr double kFarTheta = 1.5;       // prior standard deviations from the prior at which a refit starts at most
-constexpr std::size_t kTornStarts = 5;  // of a tear: along a front that is sharp, descents end in hollows
-constexpr double kTornNearby = 1.5;     // times what the best of these leaves: given up beyond
+constexpr double kTornNearby = 1.5;     // times what the best of a tear's starts leaves: given up beyond
 constexpr double kTrace = 0.1;          // of what first order asks for: hardly more than without the effect
 
 // Whether one of its effects may differ from the catalogue's in its form.
@@ -324,7 +323,7 @@ bool at_full_size(const Problem& problem, const EffectEntry& entry) {
 }
 
 Cause refit_torn(Problem& problem, const Fit& nominal, const EffectScreening& added, int iterations) {
-    const std::vector<StrongStart> starts = best_strong_starts(problem, added, kTornStarts);
+    const std::vector<StrongStart> starts = best_strong_starts(problem, added);
     if (starts.empty()) return refit(problem, nominal, nullptr, added, iterations);
     Cause cause;
     cause.entries = {added.entry};

@@ -19,13 +19,13 @@ inline std::size_t beginning_of(const Recording& recording) {
 std::vector<Cause> search(Problem& problem, const Fit& nominal, const Base* base, Screening& screening,
                           const Cause* before = nullptr);
 
-/// A body that is parted at some time (`cut`) may hang on a ligament that let go then: where a cut is ahead, tears get
-/// fits from further starts at full size; whether they did. What was fitted need not be finished yet: a cut that will
-/// not stand is not worth it.
+/// A body that is parted at some time (`cut`) may hang on a ligament that let go then: where a cut is ahead, a tear
+/// that first order left out is fitted; whether one was. What was fitted need not be finished yet: a cut that will not
+/// stand is not worth it.
 bool look_for_tears(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes);
 
 /// Before several effects are named, supports among them (contact, slackness) get a fit that starts at full size;
-/// before `unknown` is said, all of them (a tear too), and, unless a single effect explains nearly everything, effects
+/// before `unknown` is said, all of them, and, unless a single effect explains nearly everything, effects
 /// that look worse at first order than they are their fit. True: the best of `causes` is a new one.
 bool look_again(Problem& problem, const Fit& nominal, const Screening& screening, std::vector<Cause>& causes);
 

@@ -73,7 +73,7 @@ void fit_at_full_size(Problem& problem, const Fit& nominal, const std::vector<co
     for (std::size_t k = 0; k < supports.size() && !problem.out_of_time(); ++k) {
         const EffectScreening& support = *supports[k];
         const Cause* alone = fitted_alone(causes, support.entry);
-        for (StrongStart& start : best_strong_starts(problem, support)) {
+        for (StrongStart& start : best_strong_starts(problem, support)) {  // one
             if (at_once && start.left >= before) continue;
             starts.push_back(std::move(start));
             strong.push_back(alone != nullptr ? *alone : Cause{});
@@ -107,9 +107,11 @@ bool look_for_tears(Problem& problem, const Fit& nominal, const Screening& scree
         return false;
     std::vector<const EffectScreening*> tears;
     for (const EffectScreening& effect : screening.effects)
-        if (effects[effect.entry].tears()) tears.push_back(&effect);
+        if (effects[effect.entry].tears() && fitted_alone(causes, effect.entry) == nullptr) tears.push_back(&effect);
     if (tears.empty()) return false;
-    fit_at_full_size(problem, nominal, tears, false, stage(problem.options, "looking for a tear"), causes);
+    stage(problem.options, "looking for a tear")(0.0);
+    for (Cause& tear : fit_beside(problem, nominal, nullptr, causes, tears, kRefitIterations))
+        keep_better(causes, std::move(tear));
     return true;
 }
 
@@ -128,7 +130,7 @@ bool look_again(Problem& problem, const Fit& nominal, const Screening& screening
     const auto in_question = [&](std::size_t entry) {
         const EffectEntry& effect = problem.simulator.effects()[entry];
         const bool fitted = fitted_alone(causes, entry) != nullptr;
-        if (!effect.support()) return false;
+        if (!effect.support() || at_full_size(problem, effect)) return false;  // fitted from there already
         if (offset) return !fitted && !effect.info.event;
         return fitted &&
                (told.named.empty() || std::find(told.named.begin(), told.named.end(), entry) != told.named.end());

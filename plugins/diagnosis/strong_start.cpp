@@ -12,6 +12,7 @@ namespace {
 constexpr std::size_t kFewPlaces = 9, kBestPlaces = 3;
 constexpr std::array kSizes{1.0, 3.0};  // of a candidate
 constexpr std::size_t kTrialFrames = 10;
+constexpr std::size_t kBestOfEvent = 5;  // of a tear: along a front that is sharp, descents end in hollows
 constexpr std::size_t kFewFrames = 3, kTriedFully = 4;  // starts that look best at a few frames go on to all of them
 
 // The candidate's amplitudes times `size`, each to the side of null on which `start` lies.
@@ -210,7 +211,7 @@ double left_at(const Problem& problem, std::span<const std::int32_t> frames, con
 }
 
 std::vector<StrongStart> best_strong_starts(Problem& problem, std::span<const std::int32_t> frames,
-                                            const std::vector<Assumption>& starts, std::size_t most) {
+                                            const std::vector<Assumption>& starts) {
     AroundEvent event(problem, starts);
     std::vector<AroundEvent::Best> found(starts.size());
     const auto try_at = [&](std::span<const std::int32_t> which, const std::vector<std::size_t>& tried) {
@@ -229,7 +230,7 @@ std::vector<StrongStart> best_strong_starts(Problem& problem, std::span<const st
                          [&](std::size_t a, std::size_t b) { return found[a].left < found[b].left; });
         order.resize(std::min(order.size(), count));
     };
-    const std::size_t wanted = event.has_instant() ? most : 1, fully = std::max(kTriedFully, 2 * wanted);
+    const std::size_t wanted = event.has_instant() ? kBestOfEvent : 1, fully = std::max(kTriedFully, 2 * wanted);
     // Frame by frame a body follows in small steps: many of them cost an event hardly more than a few far apart.
     std::vector<std::int32_t> all(static_cast<std::size_t>(frames.back()) + 1);
     std::iota(all.begin(), all.end(), 0);
@@ -257,10 +258,10 @@ std::vector<StrongStart> best_strong_starts(Problem& problem, std::span<const st
     return best;
 }
 
-std::vector<StrongStart> best_strong_starts(Problem& problem, const EffectScreening& screened, std::size_t most) {
+std::vector<StrongStart> best_strong_starts(Problem& problem, const EffectScreening& screened) {
     const std::vector<double> theta = prior_median(problem.simulator.mechanics()).theta;
     return best_strong_starts(problem, trial_frames(problem.recording.first_held_frame),
-                              strong_starts(problem.simulator.effects(), screened, theta), most);
+                              strong_starts(problem.simulator.effects(), screened, theta));
 }
 
 ActiveEffect with_instant_of(const EffectEntry& entry, ActiveEffect to, const ActiveEffect& from) {

@@ -25,16 +25,16 @@ std::vector<std::int32_t> trial_frames(std::size_t end);
 double left_at(const Problem& problem, std::span<const std::int32_t> frames, const Eigen::VectorXd& trajectory);
 
 /// Those whose simulations leave the least at `frames`, best first; none if no body holds under any of them. One of a
-/// lasting effect; of an event, which does not stand out before the ligaments are fitted, so many at most, each at the
+/// lasting effect; of an event, which does not stand out before the ligaments are fitted, the best few, each at the
 /// instant that leaves the least.
 struct StrongStart {
     Assumption at;
     double left = 0.0;
 };
 std::vector<StrongStart> best_strong_starts(Problem& problem, std::span<const std::int32_t> frames,
-                                            const std::vector<Assumption>& starts, std::size_t most = 5);
+                                            const std::vector<Assumption>& starts);
 /// Those of a screened effect from the median of the prior, at trial_frames() of what is fitted.
-std::vector<StrongStart> best_strong_starts(Problem& problem, const EffectScreening& screened, std::size_t most = 5);
+std::vector<StrongStart> best_strong_starts(Problem& problem, const EffectScreening& screened);
 
 /// `to` at the instant of `from`, another of the same effect, if that has one.
 ActiveEffect with_instant_of(const EffectEntry& entry, ActiveEffect to, const ActiveEffect& from);
