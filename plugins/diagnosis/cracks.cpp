@@ -5,6 +5,7 @@
 #include <limits>
 #include <numbers>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 
@@ -19,6 +20,9 @@ using Eigen::Vector3d;
 constexpr std::size_t kPlaces = 10, kByGain = 4;  // of the search grid next to the fitted cut; those that explain most
 constexpr int kTurns = 6;                         // about the way to the surface
 constexpr double kRadii = 2.0;                    // of a ball of usual size: a crack lets less go than softened tissue
+constexpr int kFewTurns = 3;                      // at places far from it, by one frame
+constexpr std::size_t kElsewhere = 6;             // of these go on
+constexpr std::size_t kFittedElsewhere = 3;       // planes there, where they leave less than any near the cut
 constexpr std::size_t kFitted = 6;                // planes whose ligaments are fitted before they are compared
 constexpr int kShortFit = 2;                      // iterations of that
 constexpr std::size_t kKept = 2;                  // are moved once; the better one goes on
@@ -71,6 +75,12 @@ class Trial {
         }
     }
     const std::vector<double>& theta() const { return at_.theta; }
+    /// Of those frames the one at which `trajectory` leaves most.
+    std::int32_t furthest_off(const Eigen::VectorXd& trajectory) const {
+        const auto left = [&](std::int32_t f) { return left_at(problem_, {&f, 1}, trajectory); };
+        return *std::max_element(frames_.begin(), frames_.end(),
+                                 [&](std::int32_t a, std::int32_t b) { return left(a) < left(b); });
+    }
     Assumption with(const Tried& tried) const {
         Assumption at = at_;
         at.theta = tried.theta;
@@ -80,12 +90,16 @@ class Trial {
     /// Best first; those under which the body does not hold are left out.
     std::vector<Tried> best_of(const std::vector<CrackPlane>& planes, const std::vector<double>& theta,
                                std::size_t count) {
+        return best_of(planes, theta, count, frames_);
+    }
+    std::vector<Tried> best_of(const std::vector<CrackPlane>& planes, const std::vector<double>& theta,
+                               std::size_t count, std::span<const std::int32_t> frames) {
         std::vector<Tried> tried(planes.size());
         side_by_side(problem_, planes.size(), [&](Problem& p, std::size_t k) {
             tried[k] = {planes[k], theta, kNone};
             Eigen::VectorXd trajectory;
-            if (!p.out_of_time() && p.simulator.simulate_at(with(tried[k]), frames_, trajectory))
-                tried[k].left = left_at(p, frames_, trajectory);
+            if (!p.out_of_time() && p.simulator.simulate_at(with(tried[k]), frames, trajectory))
+                tried[k].left = left_at(p, frames, trajectory);
         });
         std::stable_sort(tried.begin(), tried.end(), [](const Tried& x, const Tried& y) { return x.left < y.left; });
         std::erase_if(tried, [](const Tried& t) { return !std::isfinite(t.left); });
@@ -111,6 +125,24 @@ Tried moved(Trial& trial, Tried best, int rounds, double& share) {
             share *= 0.5;
     }
     return best;
+}
+
+// Where softened tissue explains little, first order may lead elsewhere: planes at the places where the few that are
+// tried by one frame leave least, but those where `near` are; best first.
+std::vector<Tried> best_elsewhere(Trial& trial, const TrajectoryModel& model, const EffectEntry& entry,
+                                  const Eigen::VectorXd& fitted, const std::vector<PlaceGain>& grid,
+                                  const std::vector<CrackPlane>& near) {
+    std::vector<Vector3d> places;
+    for (const PlaceGain& place : grid)
+        if (std::none_of(near.begin(), near.end(), [&](const auto& plane) { return plane.centre_m == place.centre_m; }))
+            places.push_back(place.centre_m);
+    const std::vector<CrackPlane> few = planes_at(model, entry, places, kFewTurns);
+    const std::int32_t frame = trial.furthest_off(fitted);
+    places.clear();
+    for (const Tried& tried : trial.best_of(few, trial.theta(), few.size(), {&frame, 1}))
+        if (places.size() < kElsewhere && std::find(places.begin(), places.end(), tried.plane.centre_m) == places.end())
+            places.push_back(tried.plane.centre_m);
+    return trial.best_of(planes_at(model, entry, places, kTurns), trial.theta(), kFittedElsewhere);
 }
 
 // The planes with their ligaments fitted for a few iterations, which leaves the planes as they are; best first.
@@ -195,13 +227,17 @@ std::vector<CrackPlane> planes_near(const TrajectoryModel& model, const EffectTa
     });
     add(by_distance, kPlaces);
     add(by_gain, kByGain);
+    return planes_at(model, entry, places, kTurns);
+}
 
+std::vector<CrackPlane> planes_at(const TrajectoryModel& model, const EffectEntry& entry,
+                                  const std::vector<Eigen::Vector3d>& places, int turns) {
     const double usual = std::exp(entry.parameters[*parameter_of(entry, "radius")].prior_mean);
     std::vector<CrackPlane> planes;
     for (const Vector3d& place : places) {
         const Vector3d way = way_out(model, place), side = way.unitOrthogonal(), up = way.cross(side);
-        for (int k = 0; k < kTurns; ++k) {
-            const double angle = std::numbers::pi * k / kTurns;
+        for (int k = 0; k < turns; ++k) {
+            const double angle = std::numbers::pi * k / turns;
             planes.push_back({place, -way, std::cos(angle) * side + std::sin(angle) * up, kRadii * usual});
         }
     }
@@ -239,10 +275,16 @@ bool look_for_cracks(Problem& problem, const Fit& nominal, const Screening& scre
                                        [&](const EffectScreening& e) { return e.entry == cut.entries.front(); });
     if (screened == screening.effects.end()) return false;
     Trial trial(problem, cut.fit);
-    const std::vector<CrackPlane> planes = planes_near(problem.simulator.mechanics(), problem.simulator.effects(),
-                                                       cut.fit.at.effects.back(), screened->places);
-    const std::vector<Tried> tried = trial.best_of(planes, trial.theta(), kFitted);
-    report(0.3);
+    const TrajectoryModel& model = problem.simulator.mechanics();
+    const EffectTable& effects = problem.simulator.effects();
+    const std::vector<CrackPlane> near = planes_near(model, effects, cut.fit.at.effects.back(), screened->places);
+    std::vector<Tried> tried = trial.best_of(near, trial.theta(), kFitted);
+    report(0.2);
+    const double least = tried.empty() ? kNone : tried.front().left;
+    for (Tried& far :
+         best_elsewhere(trial, model, effects[cut.entries.front()], cut.fit.trajectory, screened->places, near))
+        if (far.left < least) tried.push_back(std::move(far));
+    report(0.4);
     const std::vector<std::pair<Tried, Fit>> fits = beside_fitted(problem, trial, tried);
     report(0.5);
     const std::optional<Tried> best = moved_from(trial, fits);

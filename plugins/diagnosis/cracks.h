@@ -17,6 +17,10 @@ struct CrackPlane {
 /// The cut parted across the plane: all of its stiffness is lost there.
 ActiveEffect with_crack(const EffectEntry& entry, ActiveEffect cut, const CrackPlane& plane);
 
+/// Planes through these places, entered by the way to the surface and turned about it.
+std::vector<CrackPlane> planes_at(const TrajectoryModel& model, const EffectEntry& entry,
+                                  const std::vector<Eigen::Vector3d>& places, int turns);
+
 /// Planes near a cut: at its place, at those of the search grid next to it and at those that explain most by first
 /// order, turned about the way to the surface.
 std::vector<CrackPlane> planes_near(const TrajectoryModel& model, const EffectTable& effects, const ActiveEffect& cut,

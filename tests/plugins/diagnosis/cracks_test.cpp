@@ -94,6 +94,31 @@ TEST_F(Cracks, PlanesAreEnteredFromTheSurface) {
     }
 }
 
+TEST_F(Cracks, ANotchIsFoundFarFromWhereTissueSeemsToSoften) {
+    ActiveEffect notch = cut_at({0.025, 0.02, 0.04}, 0.025);
+    notch = with_crack(entry(), notch, {{0.025, 0.02, 0.04}, -Vector3d::UnitZ(), Vector3d::UnitX(), 0.025});
+    Simulator truth(*body_, nullptr, effects_);
+    Eigen::VectorXd seen;
+    ASSERT_TRUE(truth.simulate({{}, {notch}}, seen));
+    pose(*body_, nullptr, effects_, {seen.begin(), seen.end()}, kNoise);
+    ASSERT_TRUE(nominal_.usable);
+    problem_->floor = {count(), 0.01 * count(), 0.0, 0.0};
+
+    Cause softer;
+    softer.entries = {effects_.find("cut")};
+    softer = fitted_from(*problem_, nominal_, std::move(softer), {{}, {cut_at({0.09, 0.02, 0.02}, 0.01)}}, 0);
+    ASSERT_TRUE(softer.fit.usable);
+    const Screening screening = screening_of_cuts();
+    const std::vector<CrackPlane> near =
+        planes_near(*body_, effects_, softer.fit.at.effects.front(), screening.effects.front().places);
+    ASSERT_TRUE(std::none_of(near.begin(), near.end(), [](const CrackPlane& p) { return p.centre_m.x() < 0.05; }));
+    std::vector<Cause> causes{softer};
+    EXPECT_TRUE(look_for_cracks(*problem_, nominal_, screening, causes));
+    const Cause& crack = causes.front();
+    EXPECT_LT(crack.misfit, 0.3 * softer.misfit);
+    EXPECT_LT(std::abs(centre_of(entry(), crack.fit.at.effects.front())->x() - 0.025), 0.012);
+}
+
 TEST_F(Cracks, ANotchIsFoundWhereTissueSeemsToSoften) {
     ActiveEffect notch = cut_at({0.05, 0.02, 0.04}, 0.025);
     notch = with_crack(entry(), notch, {{0.05, 0.02, 0.04}, -Vector3d::UnitZ(), Vector3d::UnitX(), 0.025});
