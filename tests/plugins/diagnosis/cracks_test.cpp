@@ -47,6 +47,25 @@ class Cracks : public ::testing::Test, protected test::PosedProblem {
         return cut;
     }
 
+    // Seen: a notch from the top, `x_m` from the clamp.
+    void notch(double x_m) {
+        const Vector3d top(x_m, 0.02, 0.04);
+        const ActiveEffect notch =
+            with_crack(entry(), cut_at(top, 0.025), {top, -Vector3d::UnitZ(), Vector3d::UnitX(), 0.025});
+        Simulator truth(*body_, nullptr, effects_);
+        Eigen::VectorXd seen;
+        ASSERT_TRUE(truth.simulate({{}, {notch}}, seen));
+        pose(*body_, nullptr, effects_, {seen.begin(), seen.end()}, kNoise);
+        ASSERT_TRUE(nominal_.usable);
+        problem_->floor = {count(), 0.01 * count(), 0.0, 0.0};
+    }
+    // A ball of softened tissue, fitted from there.
+    Cause softened_at(const Vector3d& centre_m, int iterations) {
+        Cause cut;
+        cut.entries = {effects_.find("cut")};
+        return fitted_from(*problem_, nominal_, std::move(cut), {{}, {cut_at(centre_m, 0.01)}}, iterations);
+    }
+
     // Places of the search grid; first order is for those near the far end.
     Screening screening_of_cuts() const {
         EffectScreening cuts;
@@ -95,18 +114,8 @@ TEST_F(Cracks, PlanesAreEnteredFromTheSurface) {
 }
 
 TEST_F(Cracks, ANotchIsFoundFarFromWhereTissueSeemsToSoften) {
-    ActiveEffect notch = cut_at({0.025, 0.02, 0.04}, 0.025);
-    notch = with_crack(entry(), notch, {{0.025, 0.02, 0.04}, -Vector3d::UnitZ(), Vector3d::UnitX(), 0.025});
-    Simulator truth(*body_, nullptr, effects_);
-    Eigen::VectorXd seen;
-    ASSERT_TRUE(truth.simulate({{}, {notch}}, seen));
-    pose(*body_, nullptr, effects_, {seen.begin(), seen.end()}, kNoise);
-    ASSERT_TRUE(nominal_.usable);
-    problem_->floor = {count(), 0.01 * count(), 0.0, 0.0};
-
-    Cause softer;
-    softer.entries = {effects_.find("cut")};
-    softer = fitted_from(*problem_, nominal_, std::move(softer), {{}, {cut_at({0.09, 0.02, 0.02}, 0.01)}}, 0);
+    ASSERT_NO_FATAL_FAILURE(notch(0.025));
+    const Cause softer = softened_at({0.09, 0.02, 0.02}, 0);
     ASSERT_TRUE(softer.fit.usable);
     const Screening screening = screening_of_cuts();
     const std::vector<CrackPlane> near =
@@ -120,18 +129,8 @@ TEST_F(Cracks, ANotchIsFoundFarFromWhereTissueSeemsToSoften) {
 }
 
 TEST_F(Cracks, ANotchIsFoundWhereTissueSeemsToSoften) {
-    ActiveEffect notch = cut_at({0.05, 0.02, 0.04}, 0.025);
-    notch = with_crack(entry(), notch, {{0.05, 0.02, 0.04}, -Vector3d::UnitZ(), Vector3d::UnitX(), 0.025});
-    Simulator truth(*body_, nullptr, effects_);
-    Eigen::VectorXd seen;
-    ASSERT_TRUE(truth.simulate({{}, {notch}}, seen));
-    pose(*body_, nullptr, effects_, {seen.begin(), seen.end()}, kNoise);
-    ASSERT_TRUE(nominal_.usable);
-    problem_->floor = {count(), 0.01 * count(), 0.0, 0.0};
-
-    Cause softer;
-    softer.entries = {effects_.find("cut")};
-    softer = fitted_from(*problem_, nominal_, std::move(softer), {{}, {cut_at({0.06, 0.02, 0.02}, 0.01)}}, 8);
+    ASSERT_NO_FATAL_FAILURE(notch(0.05));
+    const Cause softer = softened_at({0.06, 0.02, 0.02}, 8);
     ASSERT_TRUE(softer.fit.usable);
     ASSERT_GT(softer.misfit, 2.0 * count()) << "a softer ball is not it";
     Cause screened;
