@@ -6,7 +6,8 @@
 // The second harmonic makes the flat end of expiration; Xm middle of the anchored nodes, L size of the body. At some
 // phase phi0 of its breath the body is where the nominal model has it, for there it was imaged: an offset that the
 // swing never passes is a registration or another support, not respiration. Nor is what takes more than ten seconds a
-// turn: with its harmonics it could follow any drift.
+// turn, or longer than the recording: with its harmonics it could follow any drift.
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -28,11 +29,12 @@ class MovingAttachment final : public Effect {
             d_.parameters.push_back(amplitude(name, "m", EffectTransform::kIdentity, 0.0, 0.004, -0.04, 0.04));
         for (const char* name : {"cos2_x", "cos2_y", "cos2_z", "sin2_x", "sin2_y", "sin2_z"})
             d_.parameters.push_back(amplitude(name, "m", EffectTransform::kIdentity, 0.0, 0.0015, -0.02, 0.02));
-        d_.parameters.push_back(log_shape("frequency", "Hz", 0.25, 0.5, 0.1, 2.0));
+        const double duration = scene.end_s - scene.start_s;
+        const double slowest = duration > 0.0 ? std::clamp(1.0 / duration, kSlowest, kFastestTried) : kSlowest;
+        d_.parameters.push_back(log_shape("frequency", "Hz", 0.25, 0.5, slowest, 2.0));
         for (const char* name : {"tilt_x", "tilt_y", "tilt_z"})
             d_.parameters.push_back(shape(name, "1", 0.0, 0.7, -5.0, 5.0));
         d_.parameters.push_back(shape("rest_phase", "1", 0.0, 0.3, -1.0, 1.0));  // phi0 [periods]
-        const double duration = scene.end_s - scene.start_s;
         if (scene.parts.tethers.empty()) {
             d_.not_applicable = "nothing holds the body but tools";
             return;
@@ -45,7 +47,7 @@ class MovingAttachment final : public Effect {
             middle_ += scene.mesh.X.col(scene.parts.tethers[t].node) / static_cast<double>(scene.parts.tethers.size());
         const double step = std::max(0.5 / duration, 0.4 / 16.0);  // a quarter turn over half the recording
         std::vector<double> values = central_candidate(d_.parameters);
-        for (double f = 0.1; f <= 0.5 + 1e-9; f += step)
+        for (double f = slowest; f <= kFastestTried + 1e-9; f += step)
             for (const double rest_phase : {0.0, 1.0 / 3.0, -1.0 / 3.0}) {
                 values[kFrequency] = f;
                 values[kRestPhase] = rest_phase;
@@ -74,6 +76,7 @@ class MovingAttachment final : public Effect {
     }
 
   private:
+    static constexpr double kSlowest = 0.1, kFastestTried = 0.5;                // [Hz]
     static constexpr std::size_t kFrequency = 12, kTilt = 13, kRestPhase = 16;  // after the twelve amplitudes
     Eigen::Vector3d middle_ = Eigen::Vector3d::Zero();                          // Xm
 };
