@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string_view>
 
 #include "plugins/diagnosis/amplitude_price.h"
 
@@ -21,6 +22,11 @@ Left unexplained(const Left& nominal, const ErrorFloor& floor, const Calibration
 // A radius, a time, a frequency: how large it is to be expected is known, unlike where something is or when it begins.
 bool is_scale(const EffectParameter& p) {
     return p.role == EffectRole::kShape && p.transform == EffectTransform::kLog;
+}
+
+// When it happens is not, but that it was seen to begin: a tool that was always there stands for what is constant.
+bool is_onset(const EffectParameter& p) {
+    return p.role == EffectRole::kShape && std::string_view(p.name) == "onset";
 }
 
 // The best fitted cause whose evidence outweighs its price and that is `wanted`, or null.
@@ -133,11 +139,13 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
     Eigen::Index column = theta, counted = 0;
     std::vector<Eigen::VectorXd> of_effect;
     double scales = 0.0, usual = 0.0;
-    for (const std::size_t e : cause.entries) {
+    for (std::size_t k = 0; k < cause.entries.size(); ++k) {
+        const std::size_t e = cause.entries[k];
+        const bool unseen = effects[e].info.event && !effects.happens(fit.at.effects[k]);
         std::vector<Eigen::Index> own;
         for (const EffectParameter& p : effects[e].parameters) {
             (p.role == EffectRole::kAmplitude ? own : shape).push_back(column);
-            if (is_scale(p)) scales += tail_price(fit.u.segment(column, 1));
+            if (is_scale(p) || (unseen && is_onset(p))) scales += tail_price(fit.u.segment(column, 1));
             ++column;
         }
         of_effect.emplace_back(fit.u(own));

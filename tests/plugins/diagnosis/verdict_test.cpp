@@ -163,7 +163,8 @@ TEST(Verdict, AmplitudesBeyondTwiceTheirPriorAreExtreme) {
     EXPECT_NEAR(priced(5.0).extreme, 3.5 * std::log((1.0 + 75.0 / 4.0) / (1.0 + 12.0 / 4.0)), 1e-9);
 }
 
-// The rise of a load has an expected duration; where and when it comes has not, nor has its force.
+// The rise of a load has an expected duration; where and when it comes has not, if it does in the recording, nor has
+// its force.
 TEST(Verdict, AScaleFarFromWhatIsExpectedHasItsPrice) {
     test::ToyBody body;
     body.sudden = true;
@@ -171,10 +172,11 @@ TEST(Verdict, AScaleFarFromWhatIsExpectedHasItsPrice) {
     Fit nominal;
     nominal.u = Eigen::VectorXd::Zero(2);
     nominal.cost = kNominal;
-    const auto priced = [&](double place, double duration) {
+    const auto priced = [&](double place, double duration, double onset_s = 3.0) {
         Cause cause;
         cause.entries = {test::ToyBody::kUnknownLoad};
         cause.fit.at.effects = {effects.candidate(test::ToyBody::kUnknownLoad, 0)};
+        cause.fit.at.effects[0].values[5] = onset_s;
         cause.fit.u = Eigen::VectorXd::Zero(2 + 7);
         cause.fit.u(2 + 3) = cause.fit.u(2 + 5) = place;  // centre, onset [prior standard deviations]
         cause.fit.u(2 + 6) = duration;
@@ -187,6 +189,7 @@ TEST(Verdict, AScaleFarFromWhatIsExpectedHasItsPrice) {
     const auto [far, score] = priced(0.0, -3.0);
     EXPECT_NEAR(far, 2.5 * std::log(1.0 + 9.0 / 4.0), 1e-12) << "Student's t of four degrees of freedom";
     EXPECT_NEAR(priced(0.0, 0.0).second - score, far, 1e-9);
+    EXPECT_NEAR(priced(-3.0, 0.0, 0.0).first, far, 1e-12) << "a load that was there from the beginning";
 }
 
 // Two mechanical effects of one course in time may stand for the error of form of one; what happens and what is there
