@@ -10,6 +10,7 @@
 #include "plugins/simulation/trajectory.h"
 #include "tests/support/box_mesh.h"
 #include "tests/support/calculix.h"
+#include "tests/support/synthetic_case.h"
 #include "tests/support/test_data.h"
 
 namespace teres {
@@ -127,6 +128,22 @@ TEST(Effects, AWeightIsMissingOrTiltedNotReversed) {
         EXPECT_DOUBLE_EQ(t->effect_parameter(e, p).upper, 9.80665);
         EXPECT_DOUBLE_EQ(t->effect_parameter(e, p).lower, -9.80665);
     }
+}
+
+// Slower than one turn in the recording it could follow any drift, and so it could at more than ten seconds a turn.
+TEST(Effects, WhatBreathesComesBackWithinTheRecording) {
+    const PlayerSettings settings;
+    const auto slowest_hz = [&](int frames, double dt_s) {
+        const Case c = test::clamped_block({.cells = {4, 2, 2}, .frames = frames, .dt_s = dt_s, .quasi_static = true});
+        const auto t = *Trajectory::make(c, settings);
+        const std::size_t e = index_of(*t, "moving_attachment");
+        std::size_t p = 0;
+        while (std::string_view(t->effect_parameter(e, p).name) != "frequency") ++p;
+        return t->effect_parameter(e, p).lower;
+    };
+    EXPECT_DOUBLE_EQ(slowest_hz(21, 0.25), 0.2);
+    EXPECT_DOUBLE_EQ(slowest_hz(201, 0.25), 0.1);
+    EXPECT_DOUBLE_EQ(slowest_hz(5, 0.25), 0.5) << "the fastest that is tried";
 }
 
 // A place inside, further from all nodes than its radius, acts on the surface next to it: half way between two nodes as
