@@ -42,14 +42,17 @@ const Cause* best_fitted(const std::vector<Cause>& causes) {
     return best_fitted(causes, [](const Cause&) { return true; });
 }
 
-// Price of the best cause that leaves no more than `rest`; if there is none, of the best one at all. Without what it
-// pays for scales that are not its own, or for being larger than such an effect ever is: that speaks for something
-// else.
+// Price of the best cause that leaves no more than `rest`, of a single one where a single one is the best at all; if
+// there is none, of that. Without what it pays for scales that are not its own, or for being larger than such an effect
+// ever is: that speaks for something else.
 double price_of_rival(const std::vector<Cause>& causes, const Left& rest, const ErrorFloor& floor) {
+    const Cause* best = best_fitted(causes);
+    if (best == nullptr) return 0.0;
     const double most = floor.log_above(rest);
-    const Cause* rival = best_fitted(causes, [&](const Cause& c) { return floor.log_above(c.left()) <= most; });
-    if (rival == nullptr) rival = best_fitted(causes);
-    if (rival == nullptr) return 0.0;
+    const Cause* rival = best_fitted(causes, [&](const Cause& c) {
+        return floor.log_above(c.left()) <= most && (best->entries.size() > 1 || c.entries.size() == 1);
+    });
+    if (rival == nullptr) rival = best;
     return rival->price.total() - rival->price.scales - rival->price.extreme;
 }
 

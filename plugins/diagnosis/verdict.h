@@ -7,9 +7,10 @@
 //                narrow_c: what 1/2 ln|I + ...| grows by when places and times count beside the amplitudes
 //     unknown:   g - price_u,   g = -(nu/2) (ln above_rest - ln above_0), rest = what right causes leave: a share of
 //                the model error + a share of what is beyond it,
-//                price_u = that of the best cause that leaves no more than it, or else of the best, but for what that
-//                pays for its scales and for extreme amplitudes: an effect that nobody thought of is not simpler than
-//                those one did, nor dearer than any single one, nor is it bent into place; besides that it is rarer
+//                price_u = that of the best cause that leaves no more than it (of a single one where a single one is
+//                the best), or else of the best, but for what that pays for its scales and for extreme amplitudes: an
+//                effect that nobody thought of is not simpler than those one did, nor dearer than any single one, nor
+//                is it bent into place; besides that it is rarer
 //     none:      bonus against the larger of ln sum exp(scores) and g - least price: that something is amiss may be
 //                certain before anything is named
 //

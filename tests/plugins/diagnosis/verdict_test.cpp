@@ -110,6 +110,16 @@ TEST(Verdict, APairIsNotUnknownForBeingDear) {
     EXPECT_GT(probability_of(verdict, {0, 1}), 0.9);
 }
 
+// A single cause leaves 3 at 5 nats, the best; a pair 0.5 at 30. An unknown effect in place of the single one does not
+// pay what the pair does, only the least.
+TEST(Verdict, InPlaceOfASingleCauseUnknownDoesNotPayForASet) {
+    const Cause single = fitted({0}, 3.0, 5.0), pair = fitted({0, 1}, 0.5, 30.0);
+    ASSERT_GT(single.score, pair.score);
+    const Verdict verdict = judge({single, pair}, kNominal, kFloor, kEvidence);
+    EXPECT_NEAR(Calibration{}.temperature * std::log(verdict.unknown_probability / probability_of(verdict, {0})),
+                22.5 * std::log(4.0 / 1.785) - 9.0 + 5.0, 1e-6);
+}
+
 // A cause that leaves what `unknown` would at a price of 12 nats keeps it a nat behind; where 8 of these are for scales
 // that are not its own, something else needs none of them.
 TEST(Verdict, UnknownDoesNotPayForScalesBentIntoPlace) {
