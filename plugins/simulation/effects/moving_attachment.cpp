@@ -6,7 +6,7 @@
 // The second harmonic makes the flat end of expiration; Xm middle of the anchored nodes, L size of the body. At some
 // phase phi0 of its breath the body is where the nominal model has it, for there it was imaged: an offset that the
 // swing never passes is a registration or another support, not respiration. Nor is what takes more than ten seconds a
-// turn, or longer than the recording: with its harmonics it could follow any drift.
+// turn, or longer than five sixths of the recording: with its harmonics it could follow any drift.
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -30,7 +30,8 @@ class MovingAttachment final : public Effect {
         for (const char* name : {"cos2_x", "cos2_y", "cos2_z", "sin2_x", "sin2_y", "sin2_z"})
             d_.parameters.push_back(amplitude(name, "m", EffectTransform::kIdentity, 0.0, 0.0015, -0.02, 0.02));
         const double duration = scene.end_s - scene.start_s;
-        const double slowest = duration > 0.0 ? std::clamp(1.0 / duration, kSlowest, kFastestTried) : kSlowest;
+        const double slowest =
+            duration > 0.0 ? std::clamp(1.0 / (kSeen * duration), kSlowest, kFastestTried) : kSlowest;
         d_.parameters.push_back(log_shape("frequency", "Hz", 0.25, 0.5, slowest, 2.0));
         for (const char* name : {"tilt_x", "tilt_y", "tilt_z"})
             d_.parameters.push_back(shape(name, "1", 0.0, 0.7, -5.0, 5.0));
@@ -76,7 +77,8 @@ class MovingAttachment final : public Effect {
     }
 
   private:
-    static constexpr double kSlowest = 0.1, kFastestTried = 0.5;                // [Hz]
+    static constexpr double kSlowest = 0.1, kFastestTried = 0.5;  // [Hz]
+    static constexpr double kSeen = 5.0 / 6.0;                    // of the recording: a turn is seen by then
     static constexpr std::size_t kFrequency = 12, kTilt = 13, kRestPhase = 16;  // after the twelve amplitudes
     Eigen::Vector3d middle_ = Eigen::Vector3d::Zero();                          // Xm
 };

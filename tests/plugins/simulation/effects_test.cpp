@@ -130,7 +130,8 @@ TEST(Effects, AWeightIsMissingOrTiltedNotReversed) {
     }
 }
 
-// Slower than one turn in the recording it could follow any drift, and so it could at more than ten seconds a turn.
+// Slower than one turn in five sixths of the recording it could follow any drift, and so it could at more than ten
+// seconds a turn.
 TEST(Effects, WhatBreathesComesBackWithinTheRecording) {
     const PlayerSettings settings;
     const auto slowest_hz = [&](int frames, double dt_s) {
@@ -141,7 +142,7 @@ TEST(Effects, WhatBreathesComesBackWithinTheRecording) {
         while (std::string_view(t->effect_parameter(e, p).name) != "frequency") ++p;
         return t->effect_parameter(e, p).lower;
     };
-    EXPECT_DOUBLE_EQ(slowest_hz(21, 0.25), 0.2);
+    EXPECT_DOUBLE_EQ(slowest_hz(21, 0.25), 1.2 / 5.0);
     EXPECT_DOUBLE_EQ(slowest_hz(201, 0.25), 0.1);
     EXPECT_DOUBLE_EQ(slowest_hz(5, 0.25), 0.5) << "the fastest that is tried";
 }
