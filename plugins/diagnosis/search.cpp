@@ -74,20 +74,23 @@ std::vector<Cause> fit_chosen(Problem& problem, const Fit& nominal, const Base* 
 }
 
 // What is of one family with the best cause looks like it, and little tells them apart by first order: it is fitted,
-// too.
+// too. So are steady loads where the best is another load that was there from the beginning.
 void fit_family(Problem& problem, const Fit& nominal, const Base* base, const Screening& screening,
                 std::vector<Cause>& causes) {
     sort_by_score(causes);
     if (causes.empty() || !causes.front().fit.usable || problem.out_of_time()) return;
     const EffectTable& effects = problem.simulator.effects();
-    const std::string_view family = effects[causes.front().entries.back()].info.family;
+    const ActiveEffect& best = causes.front().fit.at.effects.back();
+    const std::string_view family = effects[best.entry].info.family;
+    const bool steady = effects[best.entry].info.event && !effects.happens(best);
     const auto fitted = [&](std::size_t entry) {
         return std::any_of(causes.begin(), causes.end(), [&](const Cause& c) { return c.entries.back() == entry; });
     };
     std::vector<const EffectScreening*> others;
     for (const EffectScreening& effect : screening.effects)
-        if (others.size() < 2 && family == effects[effect.entry].info.family && !fitted(effect.entry) &&
-            effect.explained >= kLeastOfFamily)
+        if (others.size() < 2 &&
+            (family == effects[effect.entry].info.family || (steady && effects[effect.entry].steady_load())) &&
+            !fitted(effect.entry) && effect.explained >= kLeastOfFamily)
             others.push_back(&effect);
     const int iterations = base == nullptr ? kRefitIterations : kFurtherIterations;
     for (Cause& cause : fit_beside(problem, nominal, base, causes, others, iterations))
