@@ -75,12 +75,7 @@ class Trial {
         }
     }
     const std::vector<double>& theta() const { return at_.theta; }
-    /// Of those frames the one at which `trajectory` leaves most.
-    std::int32_t furthest_off(const Eigen::VectorXd& trajectory) const {
-        const auto left = [&](std::int32_t f) { return left_at(problem_, {&f, 1}, trajectory); };
-        return *std::max_element(frames_.begin(), frames_.end(),
-                                 [&](std::int32_t a, std::int32_t b) { return left(a) < left(b); });
-    }
+    const std::vector<std::int32_t>& frames() const { return frames_; }
     Assumption with(const Tried& tried) const {
         Assumption at = at_;
         at.theta = tried.theta;
@@ -92,6 +87,7 @@ class Trial {
                                std::size_t count) {
         return best_of(planes, theta, count, frames_);
     }
+    /// By these frames.
     std::vector<Tried> best_of(const std::vector<CrackPlane>& planes, const std::vector<double>& theta,
                                std::size_t count, std::span<const std::int32_t> frames) {
         std::vector<Tried> tried(planes.size());
@@ -129,15 +125,16 @@ Tried moved(Trial& trial, Tried best, int rounds, double& share) {
 
 // Where softened tissue explains little, first order may lead elsewhere: planes at the places where the few that are
 // tried by one frame leave least, but those where `near` are; best first.
-std::vector<Tried> best_elsewhere(Trial& trial, const TrajectoryModel& model, const EffectEntry& entry,
+std::vector<Tried> best_elsewhere(const Problem& problem, Trial& trial, const EffectEntry& entry,
                                   const Eigen::VectorXd& fitted, const std::vector<PlaceGain>& grid,
                                   const std::vector<CrackPlane>& near) {
     std::vector<Vector3d> places;
     for (const PlaceGain& place : grid)
         if (std::none_of(near.begin(), near.end(), [&](const auto& plane) { return plane.centre_m == place.centre_m; }))
             places.push_back(place.centre_m);
+    const TrajectoryModel& model = problem.simulator.mechanics();
     const std::vector<CrackPlane> few = planes_at(model, entry, places, kFewTurns);
-    const std::int32_t frame = trial.furthest_off(fitted);
+    const std::int32_t frame = furthest_off(problem, trial.frames(), fitted);
     places.clear();
     for (const Tried& tried : trial.best_of(few, trial.theta(), few.size(), {&frame, 1}))
         if (places.size() < kElsewhere && std::find(places.begin(), places.end(), tried.plane.centre_m) == places.end())
@@ -275,14 +272,14 @@ bool look_for_cracks(Problem& problem, const Fit& nominal, const Screening& scre
                                        [&](const EffectScreening& e) { return e.entry == cut.entries.front(); });
     if (screened == screening.effects.end()) return false;
     Trial trial(problem, cut.fit);
-    const TrajectoryModel& model = problem.simulator.mechanics();
     const EffectTable& effects = problem.simulator.effects();
-    const std::vector<CrackPlane> near = planes_near(model, effects, cut.fit.at.effects.back(), screened->places);
+    const std::vector<CrackPlane> near =
+        planes_near(problem.simulator.mechanics(), effects, cut.fit.at.effects.back(), screened->places);
     std::vector<Tried> tried = trial.best_of(near, trial.theta(), kFitted);
     report(0.2);
     const double least = tried.empty() ? kNone : tried.front().left;
     for (Tried& far :
-         best_elsewhere(trial, model, effects[cut.entries.front()], cut.fit.trajectory, screened->places, near))
+         best_elsewhere(problem, trial, effects[cut.entries.front()], cut.fit.trajectory, screened->places, near))
         if (far.left < least) tried.push_back(std::move(far));
     report(0.4);
     const std::vector<std::pair<Tried, Fit>> fits = beside_fitted(problem, trial, tried);

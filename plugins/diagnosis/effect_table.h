@@ -82,6 +82,10 @@ class EffectTable {
     /// Whether an effect happens in the recording and leaves its beginning alone: an event whose onset, if it has one,
     /// lies beyond the first tenth.
     bool happens(const ActiveEffect& effect) const;
+    /// An event that was there from the beginning.
+    bool always_there(const ActiveEffect& effect) const {
+        return entries_[effect.entry].info.event && !happens(effect);
+    }
     /// A load that acts from the beginning until some instant, as one that acts the other way round from then on, or
     /// the reverse: beside what is steady both explain about the same. Nothing if it is none.
     std::optional<ActiveEffect> complement(const ActiveEffect& effect) const;

@@ -82,7 +82,7 @@ void fit_family(Problem& problem, const Fit& nominal, const Base* base, const Sc
     const EffectTable& effects = problem.simulator.effects();
     const ActiveEffect& best = causes.front().fit.at.effects.back();
     const std::string_view family = effects[best.entry].info.family;
-    const bool steady = effects[best.entry].info.event && !effects.happens(best);
+    const bool steady = effects.always_there(best);
     const auto fitted = [&](std::size_t entry) {
         return std::any_of(causes.begin(), causes.end(), [&](const Cause& c) { return c.entries.back() == entry; });
     };

@@ -109,9 +109,11 @@ bool look_for_tears(Problem& problem, const Fit& nominal, const Screening& scree
     for (const EffectScreening& effect : screening.effects)
         if (effects[effect.entry].tears() && fitted_alone(causes, effect.entry) == nullptr) tears.push_back(&effect);
     if (tears.empty()) return false;
-    stage(problem.options, "looking for a tear")(0.0);
+    const auto report = stage(problem.options, "looking for a tear");
+    report(0.0);
     for (Cause& tear : fit_beside(problem, nominal, nullptr, causes, tears, kRefitIterations))
         keep_better(causes, std::move(tear));
+    report(1.0);
     return true;
 }
 

@@ -111,10 +111,7 @@ class AroundEvent {
     }
     /// The first of `frames` and the one at which the body before it is furthest off.
     std::vector<std::int32_t> furthest_off(const Problem& problem, std::span<const std::int32_t> frames) const {
-        const auto left = [&](std::int32_t f) { return left_at(problem, {&f, 1}, before_); };
-        const auto later = frames.subspan(1);
-        return {frames.front(), *std::max_element(later.begin(), later.end(),
-                                                  [&](std::int32_t a, std::int32_t b) { return left(a) < left(b); })};
+        return {frames.front(), teres::furthest_off(problem, frames.subspan(1), before_)};
     }
     /// `start` as it is to be simulated: what has an instant, from the beginning.
     Assumption after(Assumption start) const {
@@ -208,6 +205,13 @@ double left_at(const Problem& problem, std::span<const std::int32_t> frames, con
         difference.segment(channels * f, channels) =
             problem.recording.observed.segment(channels * f, channels) - trajectory.segment(channels * f, channels);
     return problem.whitener(difference.array().isFinite().select(difference, 0.0)).squaredNorm();
+}
+
+std::int32_t furthest_off(const Problem& problem, std::span<const std::int32_t> frames,
+                          const Eigen::VectorXd& trajectory) {
+    const auto left = [&](std::int32_t f) { return left_at(problem, {&f, 1}, trajectory); };
+    return *std::max_element(frames.begin(), frames.end(),
+                             [&](std::int32_t a, std::int32_t b) { return left(a) < left(b); });
 }
 
 std::vector<StrongStart> best_strong_starts(Problem& problem, std::span<const std::int32_t> frames,

@@ -24,6 +24,10 @@ std::vector<std::int32_t> trial_frames(std::size_t end);
 /// |W (y - h)|^2 of these frames alone; h: `trajectory`, full.
 double left_at(const Problem& problem, std::span<const std::int32_t> frames, const Eigen::VectorXd& trajectory);
 
+/// Of these frames the one at which `trajectory` (full) leaves most.
+std::int32_t furthest_off(const Problem& problem, std::span<const std::int32_t> frames,
+                          const Eigen::VectorXd& trajectory);
+
 /// Those whose simulations leave the least at `frames`, best first; none if no body holds under any of them. One of a
 /// lasting effect; of an event, which does not stand out before the ligaments are fitted, the best few, each at the
 /// instant that leaves the least.

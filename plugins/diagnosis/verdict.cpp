@@ -144,7 +144,7 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
     double scales = 0.0, usual = 0.0;
     for (std::size_t k = 0; k < cause.entries.size(); ++k) {
         const std::size_t e = cause.entries[k];
-        const bool unseen = effects[e].info.event && !effects.happens(fit.at.effects[k]);
+        const bool unseen = effects.always_there(fit.at.effects[k]);
         std::vector<Eigen::Index> own;
         for (const EffectParameter& p : effects[e].parameters) {
             (p.role == EffectRole::kAmplitude ? own : shape).push_back(column);

@@ -34,7 +34,7 @@ TetMeshData mesh_shape(const BodyShape& shape, double tets, Random& random) {
     return mesh_level_set(level, options);
 }
 
-// Curve over frames first .. first + count - 1, reached from zero in the lead-in.
+// Curve over these frames, one step after the other, reached from zero in the lead-in.
 Curve frame_curve(double lead_s, double dt_s, std::span<const std::size_t> frames, const auto& value) {
     Curve curve;
     if (lead_s > 0.0) {
