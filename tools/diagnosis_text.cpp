@@ -19,6 +19,13 @@ std::string joined(const Json& names, const char* separator = " + ") {
 
 }  // namespace
 
+std::string stand_ins(const Json& cause) {
+    std::string text = joined(cause["confusable_with"], ", ");
+    for (const auto& pair : cause.value("confusable_with_pairs", Json::array()))
+        text += (text.empty() ? "" : ", ") + joined(pair, " with ");
+    return text;
+}
+
 void print_gap(const Json& j) {
     const Json &gap = j["gap"], &s = j["shrinkage"];
     std::printf("%s: gap %.2f mm, floor of noise and model error %.2f mm\n", j["case"].get<std::string>().c_str(),
@@ -37,8 +44,7 @@ void print_gap(const Json& j) {
                           {"unknown (no effect of the catalogue)", j["unknown_probability"].get<double>(), ""}};
     for (const auto& cause : j["causes"])
         if (cause["probability"].get<double>() >= 0.005)
-            rows.push_back(
-                {joined(cause["effects"]), cause["probability"].get<double>(), joined(cause["confusable_with"], ", ")});
+            rows.push_back({joined(cause["effects"]), cause["probability"].get<double>(), stand_ins(cause)});
     std::stable_sort(rows.begin(), rows.end(),
                      [](const Row& a, const Row& b) { return a.probability > b.probability; });
     for (const Row& row : rows)

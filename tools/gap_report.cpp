@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/case/text_writer.h"
+#include "tools/diagnosis_text.h"
 #include "tools/liver_picture.h"
 #include "tools/plot.h"
 
@@ -226,8 +227,8 @@ std::string verdict_text(const std::string& gap_json) {
     const Json& top = j["causes"][0];
     std::string text = "The gap of " + gap + " (rms) is most likely caused by " + joined(top["effects"], " and ") +
                        format(" (%.0f %%).", 100.0 * value(top["probability"]));
-    if (!top["confusable_with"].empty())
-        text += " With these loads and markers it cannot be told from " + joined(top["confusable_with"], ", ") + ".";
+    if (const std::string others = stand_ins(top); !others.empty())
+        text += " With these loads and markers it cannot be told from " + others + ".";
     text += std::string(" With it added") +
             (model_error_learned(j) ? " and the model's own error learned from the fitted data," : ",") +
             format(" %.0f %% of the gap is gone", 100.0 * value(s["fraction"])) + " on data that were never fitted (" +

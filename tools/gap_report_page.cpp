@@ -138,7 +138,7 @@ const percent=v=>num(100*v,1)+" %";
 let html="<tr><th>answer</th><th>probability</th><th></th><th>parameters</th><th>inseparable here</th></tr>";
 const rowOf=(name,p,params,rivals)=>`<tr><td>${esc(name)}</td><td>${percent(p)}</td><td><span class="bar" style="width:${Math.round(160*p)}px"></span></td><td>${params}</td><td>${esc(rivals)}</td></tr>`;
 D.causes.slice(0,8).forEach((c,k)=>{const about=c.effects.map(e=>(D.catalogue[e]||{}).summary||"").join("; ");
- html+=rowOf(c.effects.join(" + "),c.probability,`<small>${esc(about)}</small><br>`+c.parameters.map(p=>`${esc(p.name)} ${p.mean===null?"-":(+p.mean).toPrecision(3)} &plusmn; ${p.stdev===null?"-":(+p.stdev).toPrecision(2)} ${esc(p.unit)}`).join(k<2?"<br>":", "),c.confusable_with.join(", "))});
+ html+=rowOf(c.effects.join(" + "),c.probability,`<small>${esc(about)}</small><br>`+c.parameters.map(p=>`${esc(p.name)} ${p.mean===null?"-":(+p.mean).toPrecision(3)} &plusmn; ${p.stdev===null?"-":(+p.stdev).toPrecision(2)} ${esc(p.unit)}`).join(k<2?"<br>":", "),c.confusable_with.concat((c.confusable_with_pairs||[]).map(p=>p.join(" with "))).join(", "))});
 html+=rowOf("none: nothing beyond the floor",D.none_probability,"","")+rowOf("unknown: no effect of the catalogue",D.unknown_probability,"","");
 $("causes").innerHTML=html;
 const sh=D.shrinkage,rows=[[named?sh.effects.join(" + "):"(nothing named)",sh]];

@@ -27,6 +27,9 @@ struct Calibration {
     double unknown_left = 0.5;
     /// ... and this share of what is above it, ...
     double unknown_share = 0.03;
+    /// ... but nothing of what sensors explain, whose forms are exact however large they are: where these alone are the
+    /// best, this share of the model error, ...
+    double unknown_left_sensor = 0.65;
     /// ... at the price of the best cause that does as well, and at least this [nats] ...
     double unknown_price = 8.0;
     /// ... but for what that pays for its scales, and for amplitudes beyond so many prior standard deviations each;

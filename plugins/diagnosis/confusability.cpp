@@ -5,37 +5,87 @@
 
 namespace teres {
 
-Confusability confusability(const Screening& screening, const Eigen::MatrixXd& nuisance) {
-    std::vector<const EffectScreening*> effects;
-    for (const auto& effect : screening.effects)
-        if (effect.signature.cols() > 0) effects.push_back(&effect);
-    std::sort(effects.begin(), effects.end(), [](const auto* a, const auto* b) { return a->entry < b->entry; });
+namespace {
+
+// Columns G of an effect, or of two together, and those weighted beside the nuisance, W = (I + J J^T)^-1 G.
+struct Signature {
+    std::size_t entry;
+    Eigen::MatrixXd G, W;
+    double visibility() const { return G.cwiseProduct(W).sum(); }
+};
+
+Signature together(const Signature& a, const Signature& b) {
+    Signature both{a.entry, Eigen::MatrixXd(a.G.rows(), a.G.cols() + b.G.cols()), {}};
+    both.W = both.G;
+    both.G << a.G, b.G;
+    both.W << a.W, b.W;
+    return both;
+}
+
+// Share of c's signature that d reproduces.
+double share(const Signature& c, const Signature& d) {
+    if (c.visibility() <= 0.0) return 0.0;
+    const Eigen::MatrixXd S_cd = c.G.transpose() * d.W;
+    const Eigen::MatrixXd S_dd = d.G.transpose() * d.W + Eigen::MatrixXd::Identity(d.G.cols(), d.G.cols());
+    return std::clamp((S_cd * S_dd.ldlt().solve(S_cd.transpose())).trace() / c.visibility(), 0.0, 1.0);
+}
+
+std::vector<StandInPair> pairs_of(const std::vector<Signature>& sensors) {
+    std::vector<StandInPair> pairs;
+    for (const Signature& c : sensors)
+        for (const Signature& d : sensors)
+            for (const Signature& e : sensors)
+                if (d.entry < e.entry && c.entry != d.entry && c.entry != e.entry)
+                    pairs.push_back({c.entry, {d.entry, e.entry}, share(c, together(d, e))});
+    return pairs;
+}
+
+}  // namespace
+
+Confusability confusability(const Screening& screening, const EffectTable& effects, const Eigen::MatrixXd& nuisance) {
     const Eigen::MatrixXd H =
         Eigen::MatrixXd::Identity(nuisance.cols(), nuisance.cols()) + nuisance.transpose() * nuisance;
     const Eigen::LLT<Eigen::MatrixXd> solver(H);
-    const auto count = static_cast<Eigen::Index>(effects.size());
+    std::vector<Signature> of;
+    for (const EffectScreening& effect : screening.effects) {
+        const Eigen::MatrixXd& G = effect.signature;
+        if (G.cols() > 0) of.push_back({effect.entry, G, G - nuisance * solver.solve(nuisance.transpose() * G)});
+    }
+    std::sort(of.begin(), of.end(), [](const Signature& a, const Signature& b) { return a.entry < b.entry; });
+    const auto count = static_cast<Eigen::Index>(of.size());
     Confusability out;
     out.overlap = Eigen::MatrixXd::Identity(count, count);
-    std::vector<Eigen::MatrixXd> weighted;
-    for (const auto* effect : effects) {
-        const Eigen::MatrixXd& G = effect->signature;
-        weighted.push_back(G - nuisance * solver.solve(nuisance.transpose() * G));
-        out.entries.push_back(effect->entry);
-        out.visibility.push_back((G.transpose() * weighted.back()).trace());
+    for (std::size_t c = 0; c < of.size(); ++c) {
+        out.entries.push_back(of[c].entry);
+        out.visibility.push_back(of[c].visibility());
+        for (std::size_t d = 0; d < of.size(); ++d)
+            if (c != d) out.overlap(static_cast<Eigen::Index>(c), static_cast<Eigen::Index>(d)) = share(of[c], of[d]);
     }
-    for (Eigen::Index c = 0; c < count; ++c)
-        for (Eigen::Index d = 0; d < count; ++d) {
-            const auto& Gc = effects[static_cast<std::size_t>(c)]->signature;
-            const auto& Gd = effects[static_cast<std::size_t>(d)]->signature;
-            const Eigen::MatrixXd& Wd = weighted[static_cast<std::size_t>(d)];
-            if (c == d || out.visibility[static_cast<std::size_t>(c)] <= 0.0) continue;
-            const Eigen::MatrixXd Scd = Gc.transpose() * Wd;
-            const Eigen::MatrixXd Sdd = Gd.transpose() * Wd + Eigen::MatrixXd::Identity(Gd.cols(), Gd.cols());
-            out.overlap(c, d) = std::clamp(
-                (Scd * Sdd.ldlt().solve(Scd.transpose())).trace() / out.visibility[static_cast<std::size_t>(c)], 0.0,
-                1.0);
-        }
+    std::erase_if(of, [&](const Signature& s) { return !effects[s.entry].sensor; });
+    out.sensor_pairs = pairs_of(of);
     return out;
+}
+
+double Confusability::overlap_of(std::size_t entry, std::size_t other) const {
+    const auto c = std::find(entries.begin(), entries.end(), entry),
+               d = std::find(entries.begin(), entries.end(), other);
+    return c == entries.end() || d == entries.end() ? 0.0 : overlap(c - entries.begin(), d - entries.begin());
+}
+
+std::vector<std::array<std::size_t, 2>> Confusability::pairs_instead(std::size_t entry, const Left& nominal,
+                                                                     const Left& left, const ErrorFloor& floor,
+                                                                     const Calibration& calibration) const {
+    const double explained = std::max(0.0, nominal.cost - left.cost);
+    const auto same = [&](double share) {
+        const Left instead{left.cost + (1.0 - share) * explained, left.beside};
+        return 0.5 * calibration.nu * (floor.log_above(instead) - floor.log_above(left)) < calibration.same_evidence;
+    };
+    std::vector<std::array<std::size_t, 2>> list;
+    for (const StandInPair& of : sensor_pairs)
+        if (of.entry == entry && same(of.overlap) && !same(overlap_of(entry, of.pair[0])) &&
+            !same(overlap_of(entry, of.pair[1])))
+            list.push_back(of.pair);
+    return list;
 }
 
 std::vector<std::size_t> Confusability::rivals(std::size_t entry, double bound) const {

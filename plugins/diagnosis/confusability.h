@@ -3,9 +3,10 @@
 //
 //     visibility  chi^2 = tr(S_cc)                           at one prior standard deviation, nuisance projected out
 //     overlap     tr(S_cd (I + S_dd)^-1 S_dc) / tr(S_cc)     share of c's signature that d reproduces
-//     S_cd = G_c^T (I + J J^T)^-1 G_d
+//     S_cd = G_c^T (I + J J^T)^-1 G_d                        of two together: G_d = [G_d1 G_d2]
 #pragma once
 
+#include <array>
 #include <string>
 #include <vector>
 
@@ -13,16 +14,31 @@
 
 namespace teres {
 
+/// Two sensor effects that together may stand in for a third: each calibrates the camera by some numbers of its own.
+struct StandInPair {
+    std::size_t entry = 0;
+    std::array<std::size_t, 2> pair{};
+    double overlap = 0.0;  ///< share of the entry's signature that both reproduce
+};
+
 struct Confusability {
     std::vector<std::size_t> entries;  ///< of the table, in its order
     std::vector<double> visibility;
     Eigen::MatrixXd overlap;  ///< (c, d): share of c that d reproduces; 1 on the diagonal
+    std::vector<StandInPair> sensor_pairs{};
 
     /// Entries that reproduce at least `bound` of `entry`.
     std::vector<std::size_t> rivals(std::size_t entry, double bound) const;
+    /// Share of `entry` that `other` reproduces; 0 if either is not in the table.
+    double overlap_of(std::size_t entry, std::size_t other) const;
+    /// Pairs of sensors that leave what `entry` leaves, while neither does alone (Calibration::same_evidence):
+    /// `overlap` says what of it stays of what `entry` explains.
+    std::vector<std::array<std::size_t, 2>> pairs_instead(std::size_t entry, const Left& nominal, const Left& left,
+                                                          const ErrorFloor& floor,
+                                                          const Calibration& calibration) const;
 };
 
-Confusability confusability(const Screening& screening, const Eigen::MatrixXd& nuisance);
+Confusability confusability(const Screening& screening, const EffectTable& effects, const Eigen::MatrixXd& nuisance);
 
 /// What to do to tell `a` from `b`, or (b empty) to make `a` visible: a sentence for users.
 std::string separating_experiment(const std::string& a, const std::string& b);

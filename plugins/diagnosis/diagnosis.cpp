@@ -347,7 +347,7 @@ Result<std::optional<Cause>> find_causes(Problem& problem, const GapRecording& r
         }
         again = searched_again();
     }
-    out.confusability = confusability(out.screening, nominal.J);
+    out.confusability = confusability(out.screening, effects, nominal.J);
     if (!again && !causes.empty()) {
         add_effects(problem, nominal, out.screening, causes);
         out.verdict = judge_now(problem, nominal, causes);
@@ -441,7 +441,7 @@ Result<Plan> plan(const GapRecording& from, const EffectTable& effects, const Di
                     floor, nominal, options.calibration, recording.num_frames),
              {},
              floor};
-    out.confusability = confusability(out.screening, nominal.J);
+    out.confusability = confusability(out.screening, effects, nominal.J);
     return out;
 }
 

@@ -89,6 +89,16 @@ Json confusable(const Cause& cause, const EffectTable& effects, const Diagnosis&
     return list;
 }
 
+Json confusable_pairs(const Cause& cause, const EffectTable& effects, const Diagnosis& d,
+                      const Calibration& calibration) {
+    Json list = Json::array();
+    if (cause.fit.usable && cause.entries.size() == 1)
+        for (const auto& [a, b] : d.confusability.pairs_instead(cause.entries.front(), left_of(d.nominal), cause.left(),
+                                                                d.error_floor, calibration))
+            list.push_back(names(effects, {a, b}));
+    return list;
+}
+
 std::string held_out_text(const Recording& r, const TrajectoryModel& model) {
     if (r.held_markers.empty())
         return "frames " + std::to_string(r.first_held_frame) + "-" + std::to_string(r.num_frames - 1);
@@ -180,6 +190,7 @@ Json to_json(const Diagnosis& d, const EffectTable& effects, const TrajectoryMod
                                   {"probability", cause.probability},
                                   {"parameters", parameters(cause, effects, model, calibration)},
                                   {"confusable_with", confusable(cause, effects, d, calibration)},
+                                  {"confusable_with_pairs", confusable_pairs(cause, effects, d, calibration)},
                                   {"score", cause.score},
                                   {"explained", cause.explained}});
     }
@@ -233,6 +244,7 @@ Json to_json(const Diagnosis& d, const EffectTable& effects, const TrajectoryMod
                   cause.misfit_beside_forms ? Json(*cause.misfit_beside_forms / used) : Json(nullptr)},
                  {"rough_form", cause.rough_form},
                  {"lets_go", cause.lets_go},
+                 {"sensors", cause.sensors},
                  {"model_cost", cause.model_error ? Json(*cause.model_error / used) : Json(nullptr)},  // in its state
                  {"score", cause.score},
                  {"tail_nats", cause.price.tail},

@@ -53,6 +53,7 @@ Cause fitted(const Json& fit) {
     cause.model_error = known(fit.at("model_cost"));
     cause.rough_form = fit.at("rough_form").get<bool>();
     cause.lets_go = fit.at("lets_go").get<bool>();
+    cause.sensors = fit.value("sensors", false);  // older evidence does not say
     const auto nats = [&](const char* name) { return fit.at(name).get<double>(); };
     cause.price = {nats("tail_nats"),   nats("extreme_nats"), nats("scale_nats"),  nats("occam_nats"),
                    nats("search_nats"), nats("narrow_nats"),  nats("further_nats")};

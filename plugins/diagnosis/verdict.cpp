@@ -42,6 +42,29 @@ const Cause* best_fitted(const std::vector<Cause>& causes) {
     return best_fitted(causes, [](const Cause&) { return true; });
 }
 
+// What the sensors of a set leave without the rest of it, as far as it was fitted; of none, the nominal model.
+Left left_by_sensors(const std::vector<Cause>& causes, const Cause& set, const Left& nominal, const ErrorFloor& floor) {
+    const auto of_set = [&](std::size_t e) {
+        return std::find(set.entries.begin(), set.entries.end(), e) != set.entries.end();
+    };
+    Left least = nominal;
+    for (const Cause& cause : causes)
+        if (cause.fit.usable && cause.sensors && std::all_of(cause.entries.begin(), cause.entries.end(), of_set) &&
+            floor.log_above(cause.left()) < floor.log_above(least))
+            least = cause.left();
+    return least;
+}
+
+// ... in place of the best cause. What a sensor gets wrong is told in closed form, however large it is: nothing of what
+// sensors explain stays.
+Left unexplained_beside(const std::vector<Cause>& causes, const Left& nominal, const ErrorFloor& floor,
+                        const Calibration& calibration) {
+    const Cause* best = best_fitted(causes);
+    if (best == nullptr) return unexplained(nominal, floor, calibration);
+    if (best->sensors) return floor.reached(nominal, calibration.unknown_left_sensor, 0.0);
+    return unexplained(left_by_sensors(causes, *best, nominal, floor), floor, calibration);
+}
+
 // Price of the best cause that leaves no more than `rest`, of a single one where a single one is the best at all; if
 // there is none, of that. Without what it pays for scales that are not its own, or for being larger than such an effect
 // ever is: that speaks for something else.
@@ -173,6 +196,8 @@ double refit_score(const Fit& nominal, Cause& cause, const EffectTable& effects,
             calibration.further_mechanical * (more_than_one(fit, effects, true) + more_than_one(fit, effects, false))};
     cause.rough_form = effects.rough_form(fit.at.effects.front());
     cause.lets_go = effects.lets_go(fit.at.effects.front());
+    cause.sensors =
+        std::all_of(cause.entries.begin(), cause.entries.end(), [&](std::size_t e) { return effects[e].sensor; });
     cause.misfit = misfit_of(fit, theta);
     return gain(left_of(nominal), cause.left(), floor, calibration) - cause.price.total();
 }
@@ -189,7 +214,7 @@ double unknown_gain(const Left& nominal, const ErrorFloor& floor, const Calibrat
 Verdict judge(std::vector<Cause> causes, const Left& nominal, const ErrorFloor& floor, const Calibration& calibration) {
     Verdict verdict;
     const ErrorFloor there = floor_under_best(causes, floor);
-    const Left rest = unexplained(nominal, there, calibration);
+    const Left rest = unexplained_beside(causes, nominal, there, calibration);
     const double beyond = gain(nominal, rest, floor, calibration);
     const double least = calibration.unknown_least();
     const double price = std::max(least, price_of_rival(causes, rest, floor) + calibration.unknown_rarity);

@@ -6,7 +6,7 @@
 //                above_f: at the floor, or at c if that is below: what leaves much does not pay less for it,
 //                narrow_c: what 1/2 ln|I + ...| grows by when places and times count beside the amplitudes
 //     unknown:   g - price_u,   g = -(nu/2) (ln above_rest - ln above_0), rest = what right causes leave: a share of
-//                the model error + a share of what is beyond it,
+//                the model error + a share of what is beyond it (none of what the sensors of the best explain),
 //                price_u = that of the best cause that leaves no more than it (of a single one where a single one is
 //                the best), or else of the best, but for what that pays for its scales and for extreme amplitudes: an
 //                effect that nobody thought of is not simpler than those one did, nor dearer than any single one, nor
@@ -62,6 +62,7 @@ struct Cause {
     std::optional<double> model_error{};
     bool rough_form = false;  ///< of its first effect, which explains most (effect_table.h)
     bool lets_go = false;     ///< its first effect is a cut that lets a ligament go
+    bool sensors = false;     ///< nothing but sensor effects
     Price price{};            ///< of a fitted cause
     double score = 0.0;
     /// Nats that the score leaves out: of what each further effect explains, what other forms of those before it

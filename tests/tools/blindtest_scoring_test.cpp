@@ -161,6 +161,21 @@ TEST(Scoring, WithheldItMayBeAnsweredByWhatTheFullAnswerDeclaredInseparable) {
     EXPECT_EQ(s.withheld_declared.of, 4);
 }
 
+TEST(Scoring, APairMayBeWhatTheFullAnswerDeclaredInseparable) {
+    const std::string full = gap_json(R"({"effects":["depth_scale"],"probability":0.9,"confusable_with":[],)"
+                                      R"("confusable_with_pairs":[["registration","lens_distortion"],"no pair",[3]]})",
+                                      0.1, 0.0);
+    const auto withheld = [&](const char* instead) {
+        CaseResult r = result("depth_scale", 2.0, full);
+        r.withheld = *parse_answer(gap_json(cause(instead, 0.8), 0.2, 0.0), "t");
+        return *parse_case_result(to_json_line(r), "t");  // kept in the line, too
+    };
+    const Summary s = summarise(std::vector{withheld(R"("lens_distortion","registration")"), withheld(R"("stiffness")"),
+                                            withheld(R"("camera_drift","registration")"), withheld(R"("none")")});
+    EXPECT_EQ(s.withheld_declared.right, 1);
+    EXPECT_EQ(s.withheld_declared.of, 4);
+}
+
 // Of two causes one adds 0.1 mm to a floor of 0.35 mm: naming the other is right, naming what was not there is not.
 TEST(Scoring, OfTwoCausesOnlyTheVisibleOnesMustBeNamed) {
     std::vector<CaseResult> r;

@@ -53,11 +53,23 @@ std::optional<double> number(const Json& json, const char* key) {
     return found != json.end() && found->is_number() ? std::optional(found->get<double>()) : std::nullopt;
 }
 
-std::vector<std::string> words(const Json& json, const char* key) {
+std::vector<std::string> strings(const Json& array) {
     std::vector<std::string> list;
-    if (const auto found = json.find(key); found != json.end() && found->is_array())
-        for (const Json& word : *found)
+    if (array.is_array())
+        for (const Json& word : array)
             if (word.is_string()) list.push_back(word.get<std::string>());
+    return list;
+}
+std::vector<std::string> words(const Json& json, const char* key) {
+    const auto found = json.find(key);
+    return found != json.end() ? strings(*found) : std::vector<std::string>{};
+}
+// What a cause declares itself inseparable from: single effects and pairs of them.
+std::vector<std::string> declared_by(const Json& cause) {
+    auto list = words(cause, "confusable_with");
+    if (const auto pairs = cause.find("confusable_with_pairs"); pairs != cause.end() && pairs->is_array())
+        for (const Json& pair : *pairs)
+            if (const auto ids = strings(pair); !ids.empty()) list.push_back(cause_name(ids));
     return list;
 }
 
@@ -86,13 +98,13 @@ Result<Answer> answer_from(const Json& json, const std::string& name) {
     double sum = 0.0, most = 0.0;
     if (const auto causes = json.find("causes"); causes != json.end() && causes->is_array())
         for (const Json& cause : *causes) {
-            const auto effects = words(cause, "effects"), confusable = words(cause, "confusable_with");
+            const auto effects = words(cause, "effects");
             const auto probability = number(cause, "probability");
             if (effects.empty() || !probability)
                 return invalid_input(name + ": a cause without effects or probability");
             if (answer.causes.empty() || *probability > most) {
                 most = *probability;
-                answer.inseparable = confusable;
+                answer.inseparable = declared_by(cause);
             }
             answer.causes.emplace_back(cause_name(effects), *probability);
             sum += *probability;

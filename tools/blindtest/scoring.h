@@ -22,7 +22,7 @@ std::string cause_name(std::vector<std::string> effects);
 /// What a diagnosis (teres-gap-1) answers.
 struct Answer {
     std::vector<std::pair<std::string, double>> causes;  ///< cause_name and probability, most probable first
-    std::vector<std::string> inseparable;                ///< declared so from the most probable cause
+    std::vector<std::string> inseparable;                ///< declared so from the most probable cause: cause_names
     double unknown = 0.0, none = 0.0;
     double gap_rms_mm = 0.0;
     std::optional<Point> center_m;

@@ -120,6 +120,46 @@ TEST(Verdict, InPlaceOfASingleCauseUnknownDoesNotPayForASet) {
                 22.5 * std::log(4.0 / 1.785) - 9.0 + 5.0, 1e-6);
 }
 
+// A sensor leaves 2 at 5 nats: in its place something else would leave 0.65 of the model's error and, however large the
+// gap, nothing of what is above it.
+TEST(Verdict, InPlaceOfSensorsUnknownLeavesNothingOfWhatTheyExplain) {
+    const auto lead_of_unknown = [](double nominal, bool sensors) {
+        Cause cause = fitted({0}, 2.0, 5.0, nominal);
+        cause.sensors = sensors;
+        const Verdict verdict = judge({cause}, nominal, kFloor, kEvidence);
+        return Calibration{}.temperature * std::log(verdict.unknown_probability / probability_of(verdict, {0}));
+    };
+    for (const double nominal : {10.0, 40.0}) {
+        EXPECT_NEAR(lead_of_unknown(nominal, true), 22.5 * std::log(3.0 / 1.65) - 9.0 + 5.0, 1e-6);
+        EXPECT_NEAR(lead_of_unknown(nominal, false), 22.5 * std::log(3.0 / (1.5 + 0.03 * (nominal - 0.5))) - 9.0 + 5.0,
+                    1e-6);
+    }
+}
+
+// ... beside others it leaves 3 % of what the sensors alone would leave, 6, as they were fitted; what leaves more than
+// the nominal model, or is not of the set, does not count.
+TEST(Verdict, InPlaceOfASetUnknownLeavesAShareOfWhatItsSensorsLeave) {
+    const auto lead_of_unknown = [](const std::vector<Cause>& others) {
+        std::vector<Cause> causes{fitted({0, 1}, 3.0, 12.0)};
+        causes.insert(causes.end(), others.begin(), others.end());
+        const Verdict verdict = judge(causes, kNominal, kFloor, kEvidence);
+        return Calibration{}.temperature * std::log(verdict.unknown_probability / probability_of(verdict, {0, 1}));
+    };
+    const auto sensor = [](std::size_t entry, double misfit) {
+        Cause cause = fitted({entry}, misfit, 5.0);
+        cause.sensors = true;
+        return cause;
+    };
+    constexpr double kTrace = 1e-4;  // of what is there unseen
+    const double of_nominal = 22.5 * std::log(4.0 / 1.785) - 1.0;
+    EXPECT_NEAR(lead_of_unknown({}), of_nominal, kTrace);
+    EXPECT_NEAR(lead_of_unknown({fitted({0}, 6.0, 5.0)}), of_nominal, kTrace) << "no sensor";
+    EXPECT_NEAR(lead_of_unknown({sensor(2, 6.0)}), of_nominal, kTrace) << "not of the set";
+    EXPECT_NEAR(lead_of_unknown({sensor(0, 12.0)}), of_nominal, kTrace);
+    EXPECT_NEAR(lead_of_unknown({sensor(0, 6.0), sensor(1, 8.0)}), 22.5 * std::log(4.0 / (1.5 + 0.03 * 5.5)) - 1.0,
+                kTrace);
+}
+
 // A cause that leaves what `unknown` would at a price of 12 nats keeps it a nat behind; where 8 of these are for scales
 // that are not its own, something else needs none of them.
 TEST(Verdict, UnknownDoesNotPayForScalesBentIntoPlace) {
