@@ -368,6 +368,22 @@ TEST(Diagnosis, WeightBesideALargeMechanicalCauseIsNamed) {
     EXPECT_EQ(scene.names(*d), (Names{"gravity", "stiffness"})) << listing(*d, *scene.effects);
 }
 
+// A tool explains so much more than the weight does by first order that the weight is not worth a fit, but for what it
+// may do where the tool was always there.
+TEST(Diagnosis, TheWeightIsFittedWhereAToolThatWasAlwaysThereIsTheBest) {
+    const auto weight_is_fitted = [](double onset_s) {
+        const std::vector<double> tool{0.6, -0.4, -1.4, 0.12, 0.0, onset_s};
+        Scene scene({{test::ToyBody::kUnknownLoad, tool}});
+        const auto d = scene.run();
+        EXPECT_TRUE(d && scene.names(*d) == Names{"unknown_load"}) << listing(*d, *scene.effects);
+        return d && std::any_of(d->verdict.causes.begin(), d->verdict.causes.end(), [&](const Cause& c) {
+                   return c.fit.usable && c.entries == std::vector{scene.effects->find("gravity")};
+               });
+    };
+    EXPECT_TRUE(weight_is_fitted(0.0));
+    EXPECT_FALSE(weight_is_fitted(6.0));
+}
+
 // A tool that comes in the frames kept for the end, behind an offset so large that the nominal fit does not see it: the
 // named offset fails there, so markers are held out instead and both are named.
 TEST(Diagnosis, LateEventBehindALargeOffsetIsNamed) {
