@@ -38,6 +38,13 @@ ErrorFloor ErrorFloor::with_noise(double factor) const {
     return floor;
 }
 
+ErrorFloor ErrorFloor::with_model(double share) const {
+    ErrorFloor floor = *this;
+    floor.model *= share;
+    floor.model_beside *= share;
+    return floor;
+}
+
 Left ErrorFloor::scaled(const Left& left, double cost) const {
     const double excess = left.cost - noise;
     if (!split() || excess <= 0.0) return {cost, left.beside};

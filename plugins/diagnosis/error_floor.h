@@ -49,6 +49,8 @@ struct ErrorFloor {
     /// What of it noise and the model's error do not explain, each part on its own.
     Left beyond(const Left& left) const;
     bool explains(const Left& left) const { return beyond(left).cost <= 0.0; }
+    /// The same floor with a share of the model's error.
+    ErrorFloor with_model(double share) const;
     /// What is left beside noise of `factor` times the stated deviation.
     Left beside_noise(const Left& left, double factor) const;
     /// The same floor where the noise is that.

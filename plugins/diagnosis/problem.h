@@ -92,6 +92,8 @@ struct Problem {
         return floor.log_above(ahead) >= reach.log_above;
     }
     bool hopeless(const Fit& fit) const { return hopeless(fit.residual, fit.misfit); }
+    /// What right causes leave (Calibration::unknown_left); `floor` is what noise and the model's error explain.
+    ErrorFloor right_floor() const { return floor.with_model(options.calibration.unknown_left); }
     /// Work that an answer can do without is left out.
     bool out_of_time() const { return limit != nullptr && limit->reached(); }
     /// Whether as much work as was done is left.

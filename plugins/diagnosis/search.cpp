@@ -53,7 +53,8 @@ std::vector<Cause> fit_chosen(Problem& problem, const Fit& nominal, const Base* 
         const auto best = std::max_element(causes.begin(), causes.end(),
                                            [](const Cause& a, const Cause& b) { return a.score < b.score; });
         const double lead = as_screened(*best) - (known != nullptr ? as_screened(*known) : 0.0) - next.score;
-        return lead > 2.0 * kOutOfReach || (lead > kOutOfReach && problem.floor.explains(left_of(best->fit)));
+        const ErrorFloor enough = known == nullptr ? problem.floor : problem.right_floor();
+        return lead > 2.0 * kOutOfReach || (lead > kOutOfReach && enough.explains(left_of(best->fit)));
     };
     // A tear's start does not depend on what is held out.
     const auto fitted_at_best = [&](const EffectScreening& next) {

@@ -36,6 +36,14 @@ TEST_F(ErrorFloorOfOneColumn, IsTheStatedNoiseAndWhatRemainsOnAnyBody) {
     EXPECT_NEAR(floor.model, of_body_, 1e-9);
 }
 
+TEST_F(ErrorFloorOfOneColumn, ExplainsLessWithAShareOfTheModelsError) {
+    const ErrorFloor floor = floor_of(0.0, 0.0, false), half = floor.with_model(0.5);
+    EXPECT_NEAR(half.total(), floor.noise + 0.5 * of_body_, 1e-9);
+    EXPECT_TRUE(floor.explains(floor.noise + 0.9 * of_body_));
+    EXPECT_FALSE(half.explains(floor.noise + 0.9 * of_body_));
+    EXPECT_TRUE(half.explains(floor.noise + 0.4 * of_body_));
+}
+
 // However far other models are off in a direction that is known.
 TEST_F(ErrorFloorOfOneColumn, GrowsByAShareOfTheColumn) {
     EXPECT_NEAR(floor_of(20.0, 0.0, false).model, of_body_ + 0.15 * 400.0, 1e-9);
