@@ -4,7 +4,6 @@
 #include <array>
 
 namespace teres {
-
 namespace {
 
 // Columns G of an effect, or of two together, and those weighted beside the nuisance, W = (I + J J^T)^-1 G.
