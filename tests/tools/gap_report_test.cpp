@@ -33,7 +33,7 @@ Json sample(const TetMeshData& mesh) {
       "where":{"kind":"load","center_m":[0.09,0.015,0.03],"radius_m":0.01,"onset_s":1.0,
         "other_places":[{"center_m":[0.09,0.015,0.0],"odds":0.4}],"markers":[]},
       "causes":[{"effects":["unknown_load"],"probability":0.91,"parameters":[{"name":"force_z","unit":"N","mean":0.4,"stdev":0.05}],
-                 "confusable_with":[],"score":20.0,"explained":0.97},
+                 "confusable_with":["pressure"],"confusable_with_pairs":[["lens_distortion","registration"]],"score":20.0,"explained":0.97},
                 {"effects":["gravity"],"probability":0.05,"parameters":[],"confusable_with":["pressure"],"score":9.0,"explained":0.5}],
       "unknown_probability":0.03,"none_probability":0.01,
       "shrinkage":{"effects":["unknown_load"],"heldout":"frames 8-9","before_rms_mm":4.0,"after_rms_mm":0.4,"fraction":0.9,"ci95":[0.85,0.94]},
@@ -93,6 +93,7 @@ TEST(GapReport, IsOneFileWithTablesAndPicturesBesideIt) {
     ASSERT_TRUE(status) << status.error().text;
     const std::string page = text_of(folder / "index.html");
     EXPECT_NE(page.find("unknown_load (91 %)"), std::string::npos);
+    EXPECT_NE(page.find("cannot be told from pressure, lens_distortion with registration."), std::string::npos);
     EXPECT_NE(page.find("may as well be near x 90, y 15, z 0 mm (odds 0.4)"), std::string::npos);
     EXPECT_NE(page.find("block &lt;1&gt;"), std::string::npos) << "names cannot inject markup";
     for (const char* outside : {"http://", "https://", "src=", "@import", "@DATA@", "@VERDICT@", "@TITLE@"})
