@@ -6,13 +6,6 @@
 namespace teres {
 namespace {
 
-// Columns G of an effect, or of two together, and those weighted beside the nuisance, W = (I + J J^T)^-1 G.
-struct Signature {
-    std::size_t entry;
-    Eigen::MatrixXd G, W;
-    double visibility() const { return G.cwiseProduct(W).sum(); }
-};
-
 Signature together(const Signature& a, const Signature& b) {
     Signature both{a.entry, Eigen::MatrixXd(a.G.rows(), a.G.cols() + b.G.cols()), {}};
     both.W = both.G;
@@ -21,25 +14,14 @@ Signature together(const Signature& a, const Signature& b) {
     return both;
 }
 
-// Share of c's signature that d reproduces.
-double share(const Signature& c, const Signature& d) {
+}  // namespace
+
+double overlap(const Signature& c, const Signature& d) {
     if (c.visibility() <= 0.0) return 0.0;
     const Eigen::MatrixXd S_cd = c.G.transpose() * d.W;
     const Eigen::MatrixXd S_dd = d.G.transpose() * d.W + Eigen::MatrixXd::Identity(d.G.cols(), d.G.cols());
     return std::clamp((S_cd * S_dd.ldlt().solve(S_cd.transpose())).trace() / c.visibility(), 0.0, 1.0);
 }
-
-std::vector<StandInPair> pairs_of(const std::vector<Signature>& sensors) {
-    std::vector<StandInPair> pairs;
-    for (const Signature& c : sensors)
-        for (const Signature& d : sensors)
-            for (const Signature& e : sensors)
-                if (d.entry < e.entry && c.entry != d.entry && c.entry != e.entry)
-                    pairs.push_back({c.entry, {d.entry, e.entry}, share(c, together(d, e))});
-    return pairs;
-}
-
-}  // namespace
 
 Confusability confusability(const Screening& screening, const EffectTable& effects, const Eigen::MatrixXd& nuisance) {
     const Eigen::MatrixXd H =
@@ -58,32 +40,33 @@ Confusability confusability(const Screening& screening, const EffectTable& effec
         out.entries.push_back(of[c].entry);
         out.visibility.push_back(of[c].visibility());
         for (std::size_t d = 0; d < of.size(); ++d)
-            if (c != d) out.overlap(static_cast<Eigen::Index>(c), static_cast<Eigen::Index>(d)) = share(of[c], of[d]);
+            if (c != d) out.overlap(static_cast<Eigen::Index>(c), static_cast<Eigen::Index>(d)) = overlap(of[c], of[d]);
     }
     std::erase_if(of, [&](const Signature& s) { return !effects[s.entry].sensor; });
-    out.sensor_pairs = pairs_of(of);
+    out.sensors = std::move(of);
     return out;
 }
 
-double Confusability::overlap_of(std::size_t entry, std::size_t other) const {
-    const auto c = std::find(entries.begin(), entries.end(), entry),
-               d = std::find(entries.begin(), entries.end(), other);
-    return c == entries.end() || d == entries.end() ? 0.0 : overlap(c - entries.begin(), d - entries.begin());
-}
-
-std::vector<std::array<std::size_t, 2>> Confusability::pairs_instead(std::size_t entry, const Left& nominal,
-                                                                     const Left& left, const ErrorFloor& floor,
+std::vector<std::array<std::size_t, 2>> Confusability::pairs_instead(std::size_t entry,
+                                                                     const Eigen::VectorXd& amplitudes,
+                                                                     const Left& nominal, const Left& left,
+                                                                     const ErrorFloor& floor,
                                                                      const Calibration& calibration) const {
+    std::vector<std::array<std::size_t, 2>> list;
+    const auto own = std::find_if(sensors.begin(), sensors.end(), [&](const Signature& s) { return s.entry == entry; });
+    if (own == sensors.end()) return list;
+    const Signature named{entry, own->G * amplitudes, own->W * amplitudes};
     const double explained = std::max(0.0, nominal.cost - left.cost);
-    const auto same = [&](double share) {
-        const Left instead{left.cost + (1.0 - share) * explained, left.beside};
+    const auto same = [&](const Signature& other) {
+        const Left instead{left.cost + (1.0 - teres::overlap(named, other)) * explained, left.beside};
         return 0.5 * calibration.nu * (floor.log_above(instead) - floor.log_above(left)) < calibration.same_evidence;
     };
-    std::vector<std::array<std::size_t, 2>> list;
-    for (const StandInPair& of : sensor_pairs)
-        if (of.entry == entry && same(of.overlap) && !same(overlap_of(entry, of.pair[0])) &&
-            !same(overlap_of(entry, of.pair[1])))
-            list.push_back(of.pair);
+    std::vector<const Signature*> others;
+    for (const Signature& other : sensors)
+        if (other.entry != entry && !same(other)) others.push_back(&other);
+    for (std::size_t a = 0; a < others.size(); ++a)
+        for (std::size_t b = a + 1; b < others.size(); ++b)
+            if (same(together(*others[a], *others[b]))) list.push_back({others[a]->entry, others[b]->entry});
     return list;
 }
 

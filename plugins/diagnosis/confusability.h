@@ -14,26 +14,28 @@
 
 namespace teres {
 
-/// Two sensor effects that together may stand in for a third: each calibrates the camera by some numbers of its own.
-struct StandInPair {
+/// Columns of an effect, one per amplitude at one prior standard deviation: G, and W = (I + J J^T)^-1 G.
+struct Signature {
     std::size_t entry = 0;
-    std::array<std::size_t, 2> pair{};
-    double overlap = 0.0;  ///< share of the entry's signature that both reproduce
+    Eigen::MatrixXd G, W;
+    double visibility() const { return G.cwiseProduct(W).sum(); }
 };
+/// Share of c's signature that d reproduces.
+double overlap(const Signature& c, const Signature& d);
 
 struct Confusability {
     std::vector<std::size_t> entries;  ///< of the table, in its order
     std::vector<double> visibility;
     Eigen::MatrixXd overlap;  ///< (c, d): share of c that d reproduces; 1 on the diagonal
-    std::vector<StandInPair> sensor_pairs{};
+    std::vector<Signature> sensors{};
 
     /// Entries that reproduce at least `bound` of `entry`.
     std::vector<std::size_t> rivals(std::size_t entry, double bound) const;
-    /// Share of `entry` that `other` reproduces; 0 if either is not in the table.
-    double overlap_of(std::size_t entry, std::size_t other) const;
-    /// Pairs of sensors that leave what `entry` leaves, while neither does alone (Calibration::same_evidence):
-    /// `overlap` says what of it stays of what `entry` explains.
-    std::vector<std::array<std::size_t, 2>> pairs_instead(std::size_t entry, const Left& nominal, const Left& left,
+    /// Pairs of sensors that together leave what the sensor `entry` leaves, while neither does alone
+    /// (Calibration::same_evidence): what of it they do not reproduce stays of what it explains. `amplitudes`: its own
+    /// in prior standard deviations. Nothing for another effect.
+    std::vector<std::array<std::size_t, 2>> pairs_instead(std::size_t entry, const Eigen::VectorXd& amplitudes,
+                                                          const Left& nominal, const Left& left,
                                                           const ErrorFloor& floor,
                                                           const Calibration& calibration) const;
 };
