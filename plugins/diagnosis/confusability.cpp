@@ -16,7 +16,7 @@ Signature together(const Signature& a, const Signature& b) {
 
 }  // namespace
 
-double overlap(const Signature& c, const Signature& d) {
+double share_reproduced(const Signature& c, const Signature& d) {
     if (c.visibility() <= 0.0) return 0.0;
     const Eigen::MatrixXd S_cd = c.G.transpose() * d.W;
     const Eigen::MatrixXd S_dd = d.G.transpose() * d.W + Eigen::MatrixXd::Identity(d.G.cols(), d.G.cols());
@@ -40,7 +40,9 @@ Confusability confusability(const Screening& screening, const EffectTable& effec
         out.entries.push_back(of[c].entry);
         out.visibility.push_back(of[c].visibility());
         for (std::size_t d = 0; d < of.size(); ++d)
-            if (c != d) out.overlap(static_cast<Eigen::Index>(c), static_cast<Eigen::Index>(d)) = overlap(of[c], of[d]);
+            if (c != d)
+                out.overlap(static_cast<Eigen::Index>(c), static_cast<Eigen::Index>(d)) =
+                    share_reproduced(of[c], of[d]);
     }
     std::erase_if(of, [&](const Signature& s) { return !effects[s.entry].sensor; });
     out.sensors = std::move(of);
@@ -58,7 +60,7 @@ std::vector<std::array<std::size_t, 2>> Confusability::pairs_instead(std::size_t
     const Signature named{entry, own->G * amplitudes, own->W * amplitudes};
     const double explained = std::max(0.0, nominal.cost - left.cost);
     const auto same = [&](const Signature& other) {
-        const Left instead{left.cost + (1.0 - teres::overlap(named, other)) * explained, left.beside};
+        const Left instead{left.cost + (1.0 - share_reproduced(named, other)) * explained, left.beside};
         return 0.5 * calibration.nu * (floor.log_above(instead) - floor.log_above(left)) < calibration.same_evidence;
     };
     std::vector<const Signature*> others;

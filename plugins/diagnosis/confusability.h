@@ -21,13 +21,13 @@ struct Signature {
     double visibility() const { return G.cwiseProduct(W).sum(); }
 };
 /// Share of c's signature that d reproduces.
-double overlap(const Signature& c, const Signature& d);
+double share_reproduced(const Signature& c, const Signature& d);
 
 struct Confusability {
     std::vector<std::size_t> entries;  ///< of the table, in its order
     std::vector<double> visibility;
-    Eigen::MatrixXd overlap;  ///< (c, d): share of c that d reproduces; 1 on the diagonal
-    std::vector<Signature> sensors{};
+    Eigen::MatrixXd overlap;           ///< (c, d): share of c that d reproduces; 1 on the diagonal
+    std::vector<Signature> sensors{};  ///< for pairs_instead(); of the best-visible candidate each
 
     /// Entries that reproduce at least `bound` of `entry`.
     std::vector<std::size_t> rivals(std::size_t entry, double bound) const;

@@ -200,9 +200,7 @@ const Cause* leading(const Verdict& verdict) {
 // The error of the model in the state under the best cause, where that leaves more than right causes do.
 void weigh_state(Problem& problem, const Fit& nominal, std::vector<Cause>& causes) {
     Cause* best = best_to_weigh(problem, causes);
-    if (best == nullptr || best->model_error ||
-        best->misfit < problem.floor.noise + problem.options.calibration.unknown_left * problem.floor.model)
-        return;
+    if (best == nullptr || best->model_error || best->misfit < problem.right_floor().total()) return;
     Assumption state = best->fit.at;
     std::erase_if(state.effects, [&](const ActiveEffect& a) { return problem.simulator.effects()[a.entry].sensor; });
     if (state.effects.empty()) return;

@@ -89,18 +89,17 @@ Json confusable(const Cause& cause, const EffectTable& effects, const Diagnosis&
     return list;
 }
 
+// Two sensors that together may stand in for a sensor that is nothing but amplitudes: the signature of one that was
+// also placed or timed is that of another candidate.
 Json confusable_pairs(const Cause& cause, const EffectTable& effects, const Diagnosis& d,
                       const Calibration& calibration) {
     Json list = Json::array();
     if (!cause.fit.usable || cause.entries.size() != 1) return list;
-    const std::vector<EffectParameter>& all = effects[cause.entries.front()].parameters;
-    std::vector<Eigen::Index> amplitudes;
-    for (std::size_t p = 0; p < all.size(); ++p)
-        if (all[p].role == EffectRole::kAmplitude)
-            amplitudes.push_back(d.nominal.u.size() + static_cast<Eigen::Index>(p));
-    for (const auto& [a, b] :
-         d.confusability.pairs_instead(cause.entries.front(), cause.fit.u(amplitudes), left_of(d.nominal), cause.left(),
-                                       d.error_floor, calibration))
+    const std::size_t amplitudes = effects.num_amplitudes(cause.entries.front());
+    if (amplitudes != effects[cause.entries.front()].parameters.size()) return list;
+    const Eigen::VectorXd named = cause.fit.u.tail(static_cast<Eigen::Index>(amplitudes));
+    for (const auto& [a, b] : d.confusability.pairs_instead(cause.entries.front(), named, left_of(d.nominal),
+                                                            cause.left(), d.error_floor, calibration))
         list.push_back(names(effects, {a, b}));
     return list;
 }

@@ -30,19 +30,9 @@ class SearchFurther : public ::testing::Test, protected test::PosedProblem {
     Toy body_;
 };
 
-// A softer, tilted plate whose motion goes on by inertia, as far as the search knows.
-class SearchFurtherWithInertia : public SearchFurther {
+// A plate that nothing but its own effects is looked for on.
+class SearchFurtherWithoutSensors : public SearchFurther {
   protected:
-    /// Modulus 0.6 and a tilt, and `more`.
-    void observe(std::vector<EffectInstance> more) {
-        const std::vector<double> factor{0.6}, tilt{0.3, -0.2, 0.4};
-        more.push_back({Toy::kStiffness, factor});
-        more.push_back({Toy::kGravity, tilt});
-        body_.known_supports = body_.inertia = true;
-        pose(body_.motion({{}, more}), effects_, nullptr);
-        problem_->floor = {count(), 0.3 * count()};
-    }
-
     /// Fitted, with the score that a body which is loaded otherwise may make of it.
     Cause fitted(std::vector<std::size_t> entries, double score) {
         Cause cause;
@@ -54,23 +44,41 @@ class SearchFurtherWithInertia : public SearchFurther {
         return cause;
     }
 
-    /// Entries of the best set, and that its modulus is the true one.
-    std::vector<std::size_t> best(std::vector<Cause> causes) {
-        Screening screening;
-        EXPECT_TRUE(search_further(*problem_, nominal_, screening, causes));
-        std::vector<std::size_t> entries = causes.front().entries;
-        for (std::size_t k = 0; k < entries.size(); ++k) {
-            if (entries[k] == modulus_) {
-                EXPECT_NEAR(causes.front().fit.at.effects[k].values[0], 0.6, 0.03);
+    /// Where the modulus is among the effects, it is the true one.
+    void expect_modulus(const Cause& cause) const {
+        for (const ActiveEffect& effect : cause.fit.at.effects)
+            if (effect.entry == modulus_) {
+                EXPECT_NEAR(effect.values[0], 0.6, 0.03);
             }
-        }
-        std::sort(entries.begin(), entries.end());
-        return entries;
     }
 
     const EffectTable effects_{body_, nullptr, {}};
     const std::size_t modulus_ = effects_.find("stiffness"), law_ = effects_.find("material_law"),
                       gravity_ = effects_.find("gravity"), tool_ = effects_.find("unknown_load");
+};
+
+// A softer, tilted plate whose motion goes on by inertia, as far as the search knows.
+class SearchFurtherWithInertia : public SearchFurtherWithoutSensors {
+  protected:
+    /// Modulus 0.6 and a tilt, and `more`.
+    void observe(std::vector<EffectInstance> more) {
+        const std::vector<double> factor{0.6}, tilt{0.3, -0.2, 0.4};
+        more.push_back({Toy::kStiffness, factor});
+        more.push_back({Toy::kGravity, tilt});
+        body_.known_supports = body_.inertia = true;
+        pose(body_.motion({{}, more}), effects_, nullptr);
+        problem_->floor = {count(), 0.3 * count()};
+    }
+
+    /// Entries of the best set, and that its modulus is the true one.
+    std::vector<std::size_t> best(std::vector<Cause> causes) {
+        Screening screening;
+        EXPECT_TRUE(search_further(*problem_, nominal_, screening, causes));
+        std::vector<std::size_t> entries = causes.front().entries;
+        expect_modulus(causes.front());
+        std::sort(entries.begin(), entries.end());
+        return entries;
+    }
 };
 
 // Drawn by another tool as well. A stiffening law beside the tilt stands in front of the modulus beside the tilt: the
@@ -106,21 +114,12 @@ TEST_F(SearchFurtherWithInertia, TheSearchGoesOnFromAnotherFamily) {
 }
 
 // A softer, tilted plate without inertia, on which the law and the tilt leave no more than the model may be off.
-class SearchFurtherOnSoftPlate : public SearchFurther {
+class SearchFurtherOnSoftPlate : public SearchFurtherWithoutSensors {
   protected:
     SearchFurtherOnSoftPlate() {
         body_.known_supports = true;
         const std::vector<EffectInstance> truth{{Toy::kStiffness, soft_}, {Toy::kGravity, tilt_}};
         pose(body_.motion({{}, truth}), effects_, nullptr);
-    }
-    Cause fitted(std::vector<std::size_t> entries, double score) {
-        Cause cause;
-        Assumption start;
-        for (const std::size_t entry : entries) start.effects.push_back(effects_.candidate(entry, 0));
-        cause.entries = std::move(entries);
-        cause = fitted_from(*problem_, nominal_, std::move(cause), start, 8);
-        cause.score = score;
-        return cause;
     }
     /// The model may be off by so many times what the law and the tilt leave.
     void expect_of_law_and_tilt(double times) {
@@ -134,17 +133,8 @@ class SearchFurtherOnSoftPlate : public SearchFurther {
         });
         return at != causes.end() ? &*at : nullptr;
     }
-    static void expect_modulus(const Cause& cause, std::size_t modulus) {
-        for (const ActiveEffect& effect : cause.fit.at.effects)
-            if (effect.entry == modulus) {
-                EXPECT_NEAR(effect.values[0], 0.6, 0.03);
-            }
-    }
 
     const std::vector<double> soft_{0.6}, tilt_{0.3, -0.2, 0.4};
-    const EffectTable effects_{body_, nullptr, {}};
-    const std::size_t modulus_ = effects_.find("stiffness"), law_ = effects_.find("material_law"),
-                      gravity_ = effects_.find("gravity");
 };
 
 // The search ends with them. The modulus alone is hardly behind the law alone and gets the tilt as well; what is far
@@ -158,7 +148,7 @@ TEST_F(SearchFurtherOnSoftPlate, WhatIsCloseBehindTheBestGetsWhatThatGained) {
         const Cause* pair = found(causes, modulus_, gravity_);
         ASSERT_EQ(pair != nullptr, behind < 5.0);
         if (pair != nullptr) {
-            expect_modulus(*pair, modulus_);
+            expect_modulus(*pair);
             EXPECT_GT(pair->score, 4.0);
         }
     }
@@ -176,7 +166,7 @@ TEST_F(SearchFurtherOnSoftPlate, WhatLeavesMoreThanRightCausesIsExchanged) {
         const Cause* pair = found(causes, modulus_, gravity_);
         ASSERT_EQ(pair != nullptr, times < 1.2);
         if (pair != nullptr) {
-            expect_modulus(*pair, modulus_);
+            expect_modulus(*pair);
             EXPECT_GT(pair->score, found(causes, law_, gravity_)->score);
         }
     }
